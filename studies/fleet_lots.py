@@ -1,9 +1,9 @@
 """Effects that lots have in common, each far too small for one tool: found, with their class? How many are invented?
 
 A fleet is five lots of tools, three with an effect in common of about one standard deviation of a single tool, drawn
-from the library at random, and two without; in one of those one tool has a large effect of its own. Score and
-information are those of a real session (simulated and diagnosed once, 126 poses while the temperature rises by 10 C);
-the scores of each tool are drawn about its truth.
+at random from the library (or from the laws that stand beside it, `--hidden laws`), and two without; in one of those
+one tool has a large effect of its own. Score and information are those of a real session (simulated and diagnosed once,
+126 poses while the temperature rises by 10 C); the scores of each tool are drawn about its truth.
 
     python -m studies.fleet_lots --fleets 50 --tools 40
 """
@@ -21,6 +21,7 @@ from highside.arrays import Array
 from highside.diagnosis.core.effect_scores import EffectScores
 from highside.fleet.common import LotScores, ToolScores, judge
 from highside.physics.effects import all_effects
+from highside.physics.law import PREFIX
 
 MODEL: dict[str, Any] = {
     "sensor": {"bias_g": [1e-3, -8e-4, 1e-3], "scale": [0.003, -0.004, 0.002]},
@@ -85,15 +86,18 @@ def main() -> None:
     parser.add_argument("--fleets", type=int, default=50)
     parser.add_argument("--tools", type=int, default=40, help="of a lot")
     parser.add_argument("--first-seed", type=int, default=70_000)
+    parser.add_argument("--hidden", choices=["effects", "laws"], default="effects", help="what lots have in common")
     arguments = parser.parse_args()
     begun = time.perf_counter()
     scores = scores_of_a_session(1)
     library = [e for e, entry in enumerate(scores.entries) if entry.split("[")[0] in all_effects()]
+    laws = [e for e, entry in enumerate(scores.entries) if entry.startswith(PREFIX)]
+    among = library if arguments.hidden == "effects" else laws
     found = wrong = named_alone = invented = outliers = false_outliers = 0
     fleets_with_invention = 0
     for seed in range(arguments.first_seed, arguments.first_seed + arguments.fleets):
         rng = np.random.default_rng(seed)
-        hidden = rng.choice(library, size=3, replace=False)
+        hidden = rng.choice(among, size=3, replace=False)
         lots, wanted = [], {}
         for k, entry in enumerate(hidden.tolist()):
             truth = drawn(rng, scores, entry, float(rng.uniform(*STRENGTH)))
@@ -116,7 +120,8 @@ def main() -> None:
             false_outliers += sum(one.tool != "odd-3" for one in tested.outliers)
         fleets_with_invention += invented + wrong > before
     n = arguments.fleets
-    print(f"{n} fleets of 5 lots of {arguments.tools} tools, {time.perf_counter() - begun:.0f} s")
+    took = time.perf_counter() - begun
+    print(f"{n} fleets of 5 lots of {arguments.tools} tools, {len(library)} effects, {len(laws)} laws, {took:.0f} s")
     print(
         f"effects invented or wrongly named: {invented + wrong} in {5 * n} lots, {fleets_with_invention} of the fleets"
     )

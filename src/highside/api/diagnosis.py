@@ -6,7 +6,7 @@ import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypedDict
+from typing import TYPE_CHECKING, Any, TypedDict
 
 import numpy as np
 
@@ -19,8 +19,6 @@ from highside.diagnosis.core.problem import ReportData
 from highside.diagnosis.core.result import Claim, DiagnosisResult, Finding, Fit, Location, Remainder, Verdict
 from highside.diagnosis.recording import Request, diagnose_columns
 from highside.diagnosis.simulation.alignment import Align
-from highside.diagnosis.table.chain import CELLS, CORRECTIONS, Procedure
-from highside.diagnosis.table.engine import SummaryReportData, diagnose_summary
 from highside.errors import InputError
 from highside.physics.noise import std_of_average
 from highside.recording.files import write_folder
@@ -32,6 +30,9 @@ from highside.report.diagnosis_words import verdict_words
 from highside.shown.card import card
 from highside.shown.plot import Plot
 from highside.version import __version__
+
+if TYPE_CHECKING:
+    from highside.diagnosis.table.engine import SummaryReportData
 
 __all__ = ["Diagnosis", "diagnose", "diagnose_table", "rows_of"]
 
@@ -266,6 +267,9 @@ def diagnose_table(
     `corrected_by`: what the table comes after ("conventional3", "balance-average" or "none"). `progress` is called with
     a share done and words. Raises InputError that names the argument or the column that is wrong.
     """
+    from highside.diagnosis.table.chain import CELLS, CORRECTIONS, Procedure
+    from highside.diagnosis.table.engine import diagnose_summary
+
     correction = next((known for known in CORRECTIONS if known == corrected_by), None)
     if correction is None:
         raise InputError(

@@ -1,7 +1,7 @@
 """What is done with one recording: the row of its result. Each job is a caller of the public API, and nothing else.
 
-A recording that fails is a row with its error. A row has `verdict` (of a diagnosis its own, else "done"), `error` and
-`seconds`, and what belongs to its job.
+A recording that fails is a row with its error. A row has `verdict` (of a diagnosis its own, else "done", of a pose set
+that a calibration refuses "refused"), `error` and `seconds`, and what belongs to its job.
 """
 
 from __future__ import annotations
@@ -91,7 +91,9 @@ def _score_columns(scores: EffectScores) -> dict[str, Any]:
 
 def _solve(order: Order, path: Path) -> dict[str, Any]:
     made = calibrate(path, order.method or "joint")
-    return {"verdict": "done", "rows": len(made.record.content["poses"]), "record": json.dumps(made.record.content)}
+    rows = len(made.record.content["pose_table"]["ax"])
+    verdict = "refused" if made.refused else "done"
+    return {"verdict": verdict, "rows": rows, "record": made.record.to_json(), "record_id": made.record.id}
 
 
 def _drift(order: Order, path: Path) -> dict[str, Any]:
@@ -120,7 +122,7 @@ def empty_row(job: str) -> dict[str, Any]:
             "information": [],
             "freedom": None,
         },
-        "solve": {"record": ""},
+        "solve": {"record": "", "record_id": ""},
         "drift": {"basis": "", "last": ""},
     }
     return {**common, **own[job]}

@@ -9,7 +9,10 @@ import numpy as np
 
 from highside.fleet.common import Common, LotTested, Outlier
 from highside.fleet.summary import FleetSummary, LotView
+from highside.physics.covariates import covariate
 from highside.physics.effects import all_effects
+from highside.physics.law import PREFIX
+from highside.physics.places import PLACES
 from highside.report.document import Page
 from highside.report.plots import new_figure, plotting
 
@@ -72,6 +75,9 @@ def _names(entries: Sequence[str]) -> str:
 def _name(entry: str) -> str:
     """The title of an effect, with its shape where there are several: `cogging[k=3]`."""
     effect, _, shape = entry.partition("[")
+    if effect.startswith(PREFIX):
+        place, channel, along = effect.removeprefix(PREFIX).split("_", 2)
+        return f"a law without a name: {PLACES[place].title} {channel}, by {covariate(along).title}"
     known = all_effects().get(effect)
     title = effect if known is None else known.title
     return title if not shape else f"{title} ({shape.removesuffix(']')})"

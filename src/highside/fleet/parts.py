@@ -1,4 +1,5 @@
 """Where results stand: `DIR/parts/KEY.parquet`, one row each, and `DIR/catalogue.parquet`: which recording has which.
+Calibration records stand in `DIR/records` besides.
 
 The key is the SHA-256 of what determines the answer: the content of the recording, the model, the version of highside,
 the seed and the job. So a result is computed once whoever asks for it, a second run goes on where the first was
@@ -66,6 +67,11 @@ class PartStore:
     def write(self, key: str, row: Mapping[str, Any]) -> None:
         """Write one result, whole."""
         write_whole(self._parts / f"{key}.parquet", _parquet([{"key": key, **row}]))
+
+    def write_record(self, record_id: str, text: str) -> None:
+        """Write a calibration record as the file that `calibrate apply` and `fleet records` read."""
+        make_directory(self.folder / "records")
+        write_whole(self.folder / "records" / f"{record_id}.json", text.encode())
 
     def write_catalogue(self, entries: Sequence[Entry], keys: Mapping[str, str], job: str) -> None:
         """Note the key of every entry that has one; of other recordings and jobs what was noted before stays."""

@@ -172,6 +172,9 @@ def _outcome(uri: str, order: Order, store: PartStore) -> Outcome:
             row = row_of(order, path)
     except HighsideError as error:
         return Outcome(uri, None, "error", False, error=str(error))
+    if row.get("record") and row["verdict"] == "done":
+        # before the result, which says that all of it is there
+        store.write_record(row["record_id"], row["record"])
     store.write(key, row)
     return Outcome(uri, key, str(row["verdict"]), True, float(row["seconds"]), str(row["error"]))
 

@@ -115,7 +115,8 @@ def conclude(
         verdict, location, claims, proof, (), remainder, tuple(lacking), smallest, noise, problem.seed, version
     )
     diagnosis = checked(problem, selection, diagnosis, correlation.memories, changing)
-    report_data = replace(problem.report_data(fit if named else None), scores=effect_scores(selector))
+    scores = effect_scores(selector, problem.pooled_laws(selection.noise))
+    report_data = replace(problem.report_data(fit if named else None), scores=scores)
     return without_rounding(problem, problem.completed(diagnosis)), report_data
 
 

@@ -1,4 +1,4 @@
-"""Score and Fisher information of the testable effects of a recording, beside the base: what many recordings add up.
+"""Score and Fisher information of the testable effects and laws of a recording, beside the base: what many add up.
 
 An effect far too small for one recording leaves its first-order estimate in it all the same. With unit noise, columns
 `X` (K, N) per unit of each amplitude, outside of the space of the base, and the residual `r` (N,), the score is `X r`
@@ -9,11 +9,12 @@ Theoretical Statistics, 4.8).
 An effect is taken with all of its amplitudes. Of shapes that are whole numbers (harmonic orders) each is an entry of
 its own; of a time constant the middle one of those tried stands for all, as their columns are nearly the same. What
 begins at a time of its own, or is a line of a spectrum, is nothing that recordings have in common, and is left out.
+Laws are those of `pooled_laws`, which are functions of the same quantities in every recording.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,7 +27,7 @@ from highside.diagnosis.core.regression import outside
 from highside.diagnosis.core.selection import Selector
 from highside.physics.effect import Effect
 
-__all__ = ["EffectScores", "effect_scores", "entry_name"]
+__all__ = ["EffectScores", "WhiteLaw", "effect_scores", "entry_name"]
 
 
 @dataclass(frozen=True)
@@ -49,6 +50,16 @@ class EffectScores:
     """degrees of freedom by which the noise is known that both are in units of"""
 
 
+@dataclass(frozen=True)
+class WhiteLaw:
+    """A law that is the same in every recording (`pooled_laws`), its columns (k, N) in units of the noise."""
+
+    name: str
+    parameters: tuple[str, ...]
+    units: tuple[str, ...]
+    columns: Array
+
+
 def entry_name(effect: str, shape: Mapping[str, float]) -> str:
     """`effect`, or `effect[order=2]` where it stands at one of several shapes."""
     if not shape:
@@ -56,8 +67,8 @@ def entry_name(effect: str, shape: Mapping[str, float]) -> str:
     return f"{effect}[{', '.join(f'{name}={value:g}' for name, value in sorted(shape.items()))}]"
 
 
-def effect_scores(selector: Selector) -> EffectScores:
-    """Score and information of every testable effect, in the noise that the selector's columns are in units of."""
+def effect_scores(selector: Selector, laws: Sequence[WhiteLaw] = ()) -> EffectScores:
+    """Score and information of every testable effect and of `laws`, in the noise of the selector's columns."""
     candidate_set = selector.candidate_set
     residual = outside(selector.base, selector.residual)
     entries: list[str] = []
@@ -79,6 +90,14 @@ def effect_scores(selector: Selector) -> EffectScores:
             entries.append(name)
             parameters += [p.name for p in amplitudes]
             units += [p.unit for p in amplitudes]
+            blocks.append(bare)
+    for law in laws:
+        bare = outside(selector.base, law.columns)
+        if _visible(law.columns, bare):
+            entry_of += [len(entries)] * len(bare)
+            entries.append(law.name)
+            parameters += law.parameters
+            units += law.units
             blocks.append(bare)
     stacked = np.concatenate(blocks) if blocks else np.empty((0, residual.size))
     return EffectScores(

@@ -16,7 +16,7 @@ import numpy as np
 from highside.arrays import AnyArray, Array
 from highside.diagnosis.core.candidate_set import Term
 from highside.diagnosis.core.candidates import Candidate, Unobservable, Variant
-from highside.diagnosis.core.effect_scores import EffectScores
+from highside.diagnosis.core.effect_scores import EffectScores, WhiteLaw
 from highside.diagnosis.core.fit import JointFit, ObservationModel
 from highside.diagnosis.core.floor import Excess
 from highside.diagnosis.core.location import Scan
@@ -124,6 +124,10 @@ class Problem(ABC, Generic[N]):
     def variant(self, term: Term) -> Variant:
         """The variant that a term stands for."""
         return self.candidates[term.candidate].variants[term.variant]
+
+    def pooled_laws(self, noise: N) -> list[WhiteLaw]:
+        """Laws whose scores are told beside those of the effects; none where their columns are not at hand."""
+        return []
 
     @property
     def has_second_order(self) -> bool:

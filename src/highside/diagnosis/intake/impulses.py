@@ -77,6 +77,9 @@ def _in_scatters(values: Array, group: NDArray[np.intp]) -> Array | None:
         left[part] = own - (
             np.median(own) if part.size <= IMPULSES.window else _running_median(own, IMPULSES.neighbours)
         )
+    if not left.any():
+        # no stop has rows enough to have neighbours
+        return None
     scatter = INTERVALS.from_mad * _running_median(np.abs(left), IMPULSES.windows * IMPULSES.window + 1)
     usual = float(np.median(scatter[scatter > 0])) if np.any(scatter > 0) else 0.0
     if usual == 0.0:

@@ -17,7 +17,7 @@ Scatter that is correlated from pose to pose is the matter of `memory`.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -163,39 +163,68 @@ def _covariance(sigma: Array, inc: float, tf: float, tangents: Array) -> Array:
 
 def _components(residual: Array, tangents: Array) -> tuple[Array, float, float]:
     """Scatter of the sensors (3,) and of the bench's two angles by maximum likelihood, from (3, n)."""
-    from scipy.optimize import minimize
-
     plain = residual.std(axis=1)
     # a channel of which the rich model has left nothing is not without noise
     plain = np.maximum(plain, max(POSE_NOISE.quietest * float(plain.max()), 1e-12))
     rows = residual.T
     angle = float(plain.mean())
 
-    def deviance(logs: Array) -> tuple[float, Array]:
-        """-2 log likelihood and its gradient by the logarithms of the five sizes."""
+    def deviance(logs: Array) -> tuple[float, Array, Array]:
+        """-2 log likelihood, its gradient by the logarithms of the five sizes, and its expected second derivatives."""
         scale = np.exp(logs)
         sigma, inc, tf = plain * scale[:3], angle * scale[3], angle * scale[4]
         cov = _covariance(sigma, inc, tf, tangents)
         inverse = np.linalg.inv(cov)
         left = np.einsum("nij,nj->ni", inverse, rows)
         by_cov = inverse - left[:, :, None] * left[:, None, :]
-        by_angle = [np.einsum("ni,nij,nj->", t, by_cov, t) for t in tangents.transpose(0, 2, 1)]
-        gradient = 2 * np.array([*(np.einsum("nii->i", by_cov) * sigma**2), by_angle[0] * inc**2, by_angle[1] * tf**2])
-        return float(np.sum(np.linalg.slogdet(cov)[1]) + np.sum(left * rows)), gradient
+        # the covariance moves with each logarithm by 2 v v': of a channel its own axis, of an angle its tangent
+        along = np.concatenate([np.broadcast_to(np.diag(sigma)[:, None], (3, *rows.shape)), np.zeros((2, *rows.shape))])
+        along[3], along[4] = inc * tangents[0].T, tf * tangents[1].T
+        gradient = 2 * np.einsum("ani,nij,anj->a", along, by_cov, along)
+        expected = 4 * np.einsum("ani,nij,bnj->abn", along, inverse, along) ** 2
+        value = float(np.sum(np.linalg.slogdet(cov)[1]) + np.sum(left * rows))
+        return value, gradient, np.asarray(expected.sum(axis=2))
 
     without = float(2 * residual.shape[1] * np.log(plain).sum() + residual.size)
-    found = minimize(
-        deviance,
-        np.array(POSE_NOISE.start),
-        jac=True,
-        method="L-BFGS-B",
-        bounds=[POSE_NOISE.sensor_bounds] * 3 + [POSE_NOISE.angle_bounds] * 2,
-        options={"maxiter": POSE_NOISE.turns, "ftol": POSE_NOISE.settled},
-    )
-    if without - found.fun < POSE_NOISE.table_gain:
+    bounds = np.array([POSE_NOISE.sensor_bounds] * 3 + [POSE_NOISE.angle_bounds] * 2)
+    logs, least = _scored(deviance, np.array(POSE_NOISE.start, dtype=float), bounds)
+    if without - least < POSE_NOISE.table_gain:
         return plain, 0.0, 0.0
-    scale = np.exp(found.x)
+    scale = np.exp(logs)
     return plain * scale[:3], float(angle * scale[3]), float(angle * scale[4])
+
+
+def _scored(
+    deviance: Callable[[Array], tuple[float, Array, Array]], start: Array, bounds: Array
+) -> tuple[Array, float]:
+    """Where a -2 log likelihood of (p,) is least within `bounds` (p, 2), and what it is there: Fisher scoring.
+
+    Harville, J. Amer. Statist. Assoc. 72, 1977: the expected second derivatives in the place of the observed ones make
+    each step one uphill in likelihood. What would leave its bounds stays there. A step that gains nothing is halved.
+    """
+    logs = np.clip(start, *bounds.T)
+    value, gradient, expected = deviance(logs)
+    for _ in range(POSE_NOISE.turns):
+        free = ~((logs <= bounds[:, 0]) & (gradient > 0) | (logs >= bounds[:, 1]) & (gradient < 0))
+        if not free.any():
+            break
+        inner = expected[np.ix_(free, free)]
+        step = np.zeros_like(logs)
+        step[free] = -np.linalg.solve(inner + POSE_NOISE.ridge * np.trace(inner) * np.eye(len(inner)), gradient[free])
+        length = min(1.0, POSE_NOISE.stride / max(float(np.abs(step).max()), 1e-300))
+        for _ in range(POSE_NOISE.halvings):
+            tried = np.clip(logs + length * step, *bounds.T)
+            found = deviance(tried)
+            if found[0] < value:
+                break
+            length /= 2
+        else:
+            break
+        gain, logs = value - found[0], tried
+        value, gradient, expected = found
+        if gain < POSE_NOISE.settled * max(abs(value), 1.0):
+            break
+    return logs, value
 
 
 def with_memory(noise: PoseNoise, memories: Sequence[Memory], tangents: Array, t_s: Array) -> PoseNoise:

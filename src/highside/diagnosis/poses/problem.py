@@ -12,12 +12,14 @@ from highside.arrays import Array
 from highside.diagnosis.core.candidate_set import Term
 from highside.diagnosis.core.candidates import CHANNELS, pose_candidates, unnamed_interactions
 from highside.diagnosis.core.causes import located_by_cause
+from highside.diagnosis.core.effect_scores import WhiteLaw
 from highside.diagnosis.core.fit import JointFit, Observed, base_fit
 from highside.diagnosis.core.floor import Excess, excess
 from highside.diagnosis.core.location import locate_whole, pose_bases, pose_cells
 from highside.diagnosis.core.memory import Memory
 from highside.diagnosis.core.method import WHOLE, ProcedureParts
 from highside.diagnosis.core.policy import RIVALS, SELECTION
+from highside.diagnosis.core.pooled_laws import pooled_laws
 from highside.diagnosis.core.problem import ReportData, SelectionState, parts_of
 from highside.diagnosis.core.problem_policy import ProblemPolicy
 from highside.diagnosis.core.regression import outside
@@ -117,6 +119,10 @@ class PoseProblem(StillProblem[PoseNoise]):
             return ()
         channels, covariate, where, harmonic = found
         return (Location(tuple(CHANNELS[c] for c in channels), covariate, where, harmonic, share, p),)
+
+    def pooled_laws(self, noise: PoseNoise) -> list[WhiteLaw]:
+        laws = pooled_laws(self.session.state, self.force)
+        return [WhiteLaw(one.name, one.parameters, one.units, noise.white(one.columns)) for one in laws]
 
     def floor_excess(self, terms: Sequence[Term], *, pose_errors: bool = True) -> Excess | None:
         floor = self.session.floor

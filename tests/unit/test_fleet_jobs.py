@@ -1,0 +1,73 @@
+"""What a fleet does with one recording, job by job, without a cluster."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import highside
+from highside.calibration.record import parse_record
+from highside.fleet.jobs import Order, row_of
+from highside.physics.gravity import gravity_direction
+
+TRUE_BIAS_G = 2e-3
+
+
+def poses(folder: Path, *, twice: bool = False) -> Path:
+    """A pose table of a sensor with an offset on x; `twice`: one of its attitudes is named as another one."""
+    inc, tf = np.repeat([5.0, 45.0, 85.0], 4), np.tile([45.0, 135.0, 225.0, 315.0], 3)
+    mean = gravity_direction(np.radians(inc), np.radians(tf)) + np.array([[TRUE_BIAS_G], [0.0], [0.0]])
+    if twice:
+        tf[0] += 20.0
+    path = folder / "poses.csv"
+    rows = np.column_stack([inc, tf, *mean])
+    text = "\n".join(",".join(map(repr, row)) for row in rows.tolist())
+    path.write_text(f"inc_ref_deg,tf_ref_deg,ax,ay,az\n{text}\n")
+    return path
+
+
+def test_a_pose_table_becomes_a_calibration_record_in_its_row(tmp_path: Path) -> None:
+    path = poses(tmp_path)
+    row = row_of(Order("solve", method="joint"), path)
+    assert (row["verdict"], row["error"], row["rows"]) == ("done", "", 12)
+    record = parse_record(row["record"])
+    assert record.result.b[0] == pytest.approx(TRUE_BIAS_G, abs=1e-6)
+    same = highside.calibrate(path).record
+    np.testing.assert_array_equal(record.result.A, same.result.A)
+
+
+def test_a_pose_set_that_is_refused_is_no_calibration(tmp_path: Path) -> None:
+    row = row_of(Order("solve", method="joint"), poses(tmp_path, twice=True))
+    assert highside.calibrate(tmp_path / "poses.csv").refused
+    assert (row["verdict"], row["error"]) == ("refused", "")
+
+
+def test_a_recording_of_gyros_is_followed(tmp_path: Path) -> None:
+    t = np.arange(0, 120, 0.02)
+    rng = np.random.default_rng(1)
+    gravity = gravity_direction(np.radians([30.0]), np.radians([60.0]))
+    columns = {"t_s": t}
+    noise = 1e-4 * rng.standard_normal((6, t.size))
+    columns |= dict(zip(("ax_g", "ay_g", "az_g"), gravity + noise[:3], strict=True))
+    columns |= dict(zip(("gx_dps", "gy_dps", "gz_dps"), 0.01 + noise[3:], strict=True))
+    path = tmp_path / "still.csv"
+    rows = [",".join(f"{value:.9g}" for value in row) for row in zip(*columns.values(), strict=True)]
+    path.write_text("\n".join([",".join(columns), *rows]))
+    row = row_of(Order("drift"), path)
+    assert (row["verdict"], row["error"], row["rows"]) == ("done", "", t.size)
+    last = json.loads(row["last"])
+    assert last["inc_deg"] == pytest.approx(30.0, abs=0.05)
+    assert last["tf_deg"] == pytest.approx(60.0, abs=0.1)
+
+
+@pytest.mark.parametrize("job", ["diagnose", "solve", "drift"])
+def test_a_file_that_cannot_be_read_is_a_row_with_its_error(tmp_path: Path, job: str) -> None:
+    path = tmp_path / "x.csv"
+    path.write_text("a,b\n1,2\n")
+    row = row_of(Order(job), path)
+    assert row["verdict"] == "error"
+    assert "x.csv" in row["error"]
+    assert "internal" not in row["error"]
