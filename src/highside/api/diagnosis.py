@@ -24,7 +24,6 @@ from highside.physics.noise import std_of_average
 from highside.recording.files import write_folder
 from highside.recording.frames import Columns, File, FrameT, take
 from highside.recording.table import Recording, SummaryTable, Table
-from highside.report.diagnosis_chart import misfit_chart
 from highside.report.diagnosis_claims import claim_size
 from highside.report.diagnosis_words import verdict_words
 from highside.shown.card import card
@@ -143,6 +142,8 @@ class Diagnosis:
         """
         if self.report_data is None:
             raise InputError("there are no residuals to draw", remedy=self.verdict)
+        from highside.report.diagnosis_chart import misfit_chart
+
         return misfit_chart(self.report_data, f"Diagnosis of {self.source}: {self.verdict}")
 
 

@@ -51,7 +51,7 @@ class PoseNoisePolicy:
     """Share of the trace that is added to the expected second derivatives: a size at its lower bound has next to none.
     Source: rounding, of five numbers with margin."""
     stride: float = 2.0
-    """Change of a logarithm in one step, at most: a factor of 7 of a size. Source: 300 drawn sessions of 12 to 300 poses,
+    """Change of a logarithm in one step, at most: a factor of 7 of a size. Source: 300 drawn sessions, 12 to 300 poses,
     of which all came within 0.1 of -2 log likelihood of a general minimiser (`tests/unit/test_pose_noise.py`)."""
     halvings: int = 12
     """Halvings of a step that gains nothing, before the climb has ended: it is then 1/4,000 of itself. Source: the same

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.fft import rfft
 
 from highside.arrays import Array
 from highside.diagnosis.rotation.policy import LINES_POLICY
@@ -85,6 +84,8 @@ def _over_turns(session: RotationSession, rows: Array, *, means: bool = False) -
     if means:
         gathered = gathered / np.maximum(np.bincount(cell, minlength=size), 1)
     length = SPECTRUM.padded * size
+    from scipy.fft import rfft
+
     spectrum = np.abs(rfft(gathered, length, axis=1)) ** 2
     orders = np.arange(spectrum.shape[1]) / turns * (size / length)
     use = orders < LINES_POLICY.max_order

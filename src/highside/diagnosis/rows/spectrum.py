@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.fft import next_fast_len, rfft
 
 from highside.arrays import Array
 from highside.diagnosis.rows.policy import SPECTRUM
@@ -13,6 +12,8 @@ from highside.diagnosis.rows.policy import SPECTRUM
 def strongest_line(rows: Array, places: Array) -> float | None:
     """Frequency, in cycles for a unit of `places` (n,), of the strongest line in rows (C, n) of unit size; None where
     no peak is higher than chance makes it."""
+    from scipy.fft import next_fast_len, rfft
+
     n = int(places[-1]) + 1
     length = next_fast_len(SPECTRUM.padded * n, real=True)
     spectrum = np.abs(rfft(on_grid(flattened(rows), places), length, axis=1)) ** 2
