@@ -68,6 +68,8 @@ evidence: $(VENV)/.test
 	$(BIN)/python -m studies.drift_limit
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m studies.watch_wells --wells 30 --departures 300 --first-seed 5000
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m studies.fleet_lots --fleets 50 --tools 40 --first-seed 90000
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m studies.fleet_lots --fleets 25 --tools 40 --first-seed 96000 --hidden laws
+	$(BIN)/python -m studies.fleet_scale --job solve --sessions 1000 --kills 10 --ends 2
 	HIGHSIDE_SOAK_S=60 $(BIN)/python -m pytest -q -s tests/integration/test_soak.py tests/integration/test_mqtt_faults.py tests/integration/test_mqtt_sigkill.py
 
 ## faults: the fault scenarios at their own numbers (about two hours), measured into docs/faults.md; FAULTS="--scenario 4".

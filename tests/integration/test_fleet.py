@@ -6,6 +6,8 @@ import csv
 import json
 import os
 import signal
+import threading
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -128,6 +130,30 @@ def test_workers_that_are_killed_cost_no_result(fleet: Path, tmp_path: Path) -> 
     assert len(finished.outcomes) == len(entries)
     assert all(one.key is not None for one in finished.outcomes)
     assert sum(one.verdict == "error" for one in finished.outcomes) == 1
+
+
+def test_processes_that_are_killed_while_they_start_are_replaced(fleet: Path, tmp_path: Path) -> None:
+    """dask gives such a one up; without any left the fleet would wait for ever."""
+    entries = [entry for entry in catalogue_of(str(fleet / "fleet.csv")) if "warm" in entry.uri][:4]
+    killed: set[int] = set()
+
+    def kill_all() -> None:
+        # those that work, and then those that begin in their place
+        while len(killed) < 4:
+            for victim in _workers():
+                os.kill(victim.pid, signal.SIGKILL)
+                killed.add(victim.pid)
+            time.sleep(0.1)
+
+    killer = threading.Thread(target=kill_all, daemon=True)
+
+    def begin(done: int, total: int, dashboard: str) -> None:
+        if not killer.ident:
+            killer.start()
+
+    finished = run(entries, Order("diagnose", MODEL), PartStore(tmp_path), workers=2, progress=begin)
+    assert len(killed) >= 4
+    assert [one.error for one in finished.outcomes] == [""] * 4
 
 
 def _workers() -> list[psutil.Process]:

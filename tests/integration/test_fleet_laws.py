@@ -59,8 +59,8 @@ def test_a_law_that_a_lot_shares_is_found_with_its_size(tmp_path: Path) -> None:
     assert sum(one == ("nothing_left_out",) for one in said) >= 2 * TOOLS - 4, said
     assert not any(claim.startswith("law:") for _, *claims in said for claim in claims), said
     (found,) = answer["common"]
-    assert (found["lot"], found["effect"], found["parameter"]) == ("odd", "law:offset_x_tf", "cos3")
-    value = found["parameters"]["cos3"]
+    assert (found["lot"], found["effect"], found["parameter"]) == ("odd", "law:offset_x_tf[harmonic=3]", "cos")
+    value = found["parameters"]["cos"]
     assert value["unit"] == "g"
     assert abs(value["value"] - AMPLITUDE_G) < 3.5 * value["std"]
     assert value["std"] < 0.3 * AMPLITUDE_G
@@ -76,7 +76,7 @@ def test_the_functions_of_a_pooled_law_do_not_depend_on_what_a_recording_visited
     assert [one.name for one in whole] == [one.name for one in some]
     for one, part in zip(whole, some, strict=True):
         np.testing.assert_allclose(part.columns, one.columns[:, :, 5:9], rtol=1e-12)
-    square = next(one for one in whole if one.name == "law:scale_y_temp")
+    square = next(one for one in whole if one.name == "law:scale_y_temp[power=2]")
     assert square.units == ("1/C^2",)
     np.testing.assert_allclose(square.columns[0, 1], (temp - 25.0) ** 2 * force[1], rtol=1e-12)
     assert not square.columns[0, [0, 2]].any()

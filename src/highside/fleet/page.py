@@ -77,7 +77,8 @@ def _name(entry: str) -> str:
     effect, _, shape = entry.partition("[")
     if effect.startswith(PREFIX):
         place, channel, along = effect.removeprefix(PREFIX).split("_", 2)
-        return f"a law without a name: {PLACES[place].title} {channel}, by {covariate(along).title}"
+        words = f"a law without a name: {PLACES[place].title} {channel}, by {covariate(along).title}"
+        return f"{words} ({shape.removesuffix(']')})"
     known = all_effects().get(effect)
     title = effect if known is None else known.title
     return title if not shape else f"{title} ({shape.removesuffix(']')})"

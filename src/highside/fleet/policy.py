@@ -61,6 +61,8 @@ class TaskPolicy:
     """what a short recording takes (126 poses: 0.25 to 0.6 s on one core of 2 GHz)"""
     per_megabyte_s: float = 1.5
     """what each further megabyte takes (100,000 rows, 9 MB gzipped: 12 s)"""
+    ask_again_s: float = 5.0
+    """between two looks at whether all processes are there; one takes 2 to 10 s to start"""
     attempts: int = 3
     """deaths of the process that works on a recording alone before that is its result"""
 

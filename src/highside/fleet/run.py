@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import os
 import tempfile
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -224,9 +225,10 @@ def _client(workers: int | None, scheduler: str | None) -> Iterator[Any]:
             with client:
                 yield client
             return
+        count = workers or os.cpu_count() or 1
         with (
             LocalCluster(
-                n_workers=workers or os.cpu_count() or 1,
+                n_workers=count,
                 threads_per_worker=1,
                 processes=True,
                 dashboard_address="127.0.0.1:0",
@@ -234,5 +236,25 @@ def _client(workers: int | None, scheduler: str | None) -> Iterator[Any]:
                 silence_logs=50,
             ) as cluster,
             Client(cluster) as client,
+            _kept_up(cluster, count),
         ):
             yield client
+
+
+@contextmanager
+def _kept_up(cluster: Any, count: int) -> Iterator[None]:
+    """Ask for `count` processes again and again: dask begins no other in the place of one that dies while it starts, or
+    is 15 s in starting anew (a busy machine), and a cluster that has lost all of them so would wait for ever."""
+    ended = threading.Event()
+
+    def ask() -> None:
+        while not ended.wait(TASKS.ask_again_s):
+            cluster.scale(count)
+
+    thread = threading.Thread(target=ask, name="fleet workers", daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()
