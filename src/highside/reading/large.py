@@ -64,11 +64,8 @@ def columns_at_once(
 
     try:
         found = table(texts)
-        others = [
-            field.name for field in found.schema if not (_is_number(field.type) or pa.types.is_string(field.type))
-        ]
-        if others:
-            # times, dates and true or false as it reads them: they are wanted as they stand
+        # times, dates and true or false as it reads them: they are wanted as they stand
+        if others := [f.name for f in found.schema if not (_is_number(f.type) or pa.types.is_string(f.type))]:
             found = table({*texts, *others})
     except (ArrowInvalid, UnicodeDecodeError):
         return None

@@ -105,7 +105,7 @@ class SimulationDesign(Design):
 
     def _left(self, session: SimulationSession) -> Array:
         """(C, n) what all effects leave of the readings; 0 in rows that are left out."""
-        kept = np.ones(session.n) if session.omitted is None else 1.0 - session.omitted
+        kept = _kept(session)
         left = np.empty_like(session.readings)
         for c in range(len(left)):
             target = (session.readings[c] - session.original[c]) * kept
@@ -133,7 +133,7 @@ class SimulationDesign(Design):
         """The strongest step of the channels that an effect acts on, at the instant where it explains most."""
         kinds = session.as_channels(self.about).kinds()
         members = [c for kind, own in kinds.items() if effect.steps_on(kind) for c in own]
-        kept = np.ones(session.n) if session.omitted is None else 1.0 - session.omitted
+        kept = _kept(session)
         margin = max(2, round(SIMULATION_COLUMNS.margin * session.n))
         left = self._left(session)
         best: tuple[float, int, int] | None = None
@@ -321,3 +321,8 @@ def _functions(session: SimulationSession) -> list[list[list[Array]]]:
     channels = range(len(session.names))
     found = [[functions for _ in channels] for _, _, functions, _ in _covariates(session)]
     return found + [functions for _, functions in _changing(session)]
+
+
+def _kept(session: SimulationSession) -> Array:
+    """(n,) 1 in the rows that are taken, 0 in those that are left out."""
+    return np.ones(session.n) if session.omitted is None else np.asarray(1.0 - session.omitted, dtype=float)

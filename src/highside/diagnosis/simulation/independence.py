@@ -72,7 +72,7 @@ def with_no_noise(
     return hinted(replace(diagnosis, verdict="unknown", location=(place,), remainder=remainder), found.words)
 
 
-def _bands(rows: Array) -> tuple[Array, list[NDArray[np.intp]]] | None:
+def _bands(rows: Array) -> tuple[NDArray[np.complex128], list[NDArray[np.intp]]] | None:
     """(C, m) the Fourier transform of rows (C, n), and the ordinates of each band, about an octave each; None where
     there are too few."""
     last = (rows.shape[1] - 1) // 2

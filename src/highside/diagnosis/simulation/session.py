@@ -212,12 +212,11 @@ def simulation_session(
     prediction = _prediction(t_sim, [side_sim[n] for n in names], band_hz, raw_hz, longest)
     model = prediction.at(grid)
     _refuse_copies(names, measured, np.stack([sampled(t_sim, side_sim[n]) for n in names]))
-    for c, name in enumerate(names):
-        if unit_of(name) == "deg":
-            # whole turns apart is not apart
-            measured[c] -= 360.0 * np.round(np.median(measured[c] - model[c]) / 360.0)
-    lost = in_gap(grid, t_s, [side[n] for n in names], longest) | prediction.lost(grid)
-    lost = _smeared(lost, SIMULATION_SESSIONS.band)
+    for c in (c for c, name in enumerate(names) if unit_of(name) == "deg"):
+        # whole turns apart is not apart
+        measured[c] -= 360.0 * np.round(np.median(measured[c] - model[c]) / 360.0)
+    in_gaps = in_gap(grid, t_s, [side[n] for n in names], longest)
+    lost = _smeared(in_gaps | prediction.lost(grid), SIMULATION_SESSIONS.band)
     # a covariate that is a channel itself is taken as predicted: the recorded one would explain itself
     covariates = {
         name: model[names.index(name)] if name in names else sampled(t_s, columns[name])
@@ -231,7 +230,6 @@ def simulation_session(
         nothing, nothing, t_s=grid, temp_c=temp, row_seconds=1 / grid_hz, vibration_rms_g=_activity(model, rates)
     )
     omitted = lost if lost.any() else None
-    speed = covariates.get(SPEED)
     return SimulationSession(
         measured,
         state,
@@ -240,7 +238,7 @@ def simulation_session(
         model,
         model,
         rates,
-        speed,
+        covariates.get(SPEED),
         found,
         band_hz,
         prediction,
