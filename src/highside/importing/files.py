@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from highside.errors import InputError
+from highside.importing.core.markers import without_markers
 from highside.importing.core.proposal import ACCELERATIONS, RATES, Doubt, Proposal, Sure, propose
 from highside.importing.core.recording import ImportedRecording, recording_of
 from highside.importing.core.source import SourceTable
@@ -32,7 +33,7 @@ def open_foreign(path: Path, wishes: Wishes) -> Proposal:
     with warnings.catch_warnings():
         # what a library thinks of a file is no line for the user: it is read, or refused
         warnings.simplefilter("ignore")
-        tables = form_of(data).read(data, where, stem)
+        tables = tuple(map(without_markers, form_of(data).read(data, where, stem)))
     # what is judged from here on are the columns: of a long text the bytes are as large again
     del data
     if wishes.table is not None:

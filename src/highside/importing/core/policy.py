@@ -83,6 +83,9 @@ class ImportPolicy:
     """deg: rms below which no other arrangement is looked for: a sensor without calibration on a bench that leans"""
     angle_ratio: float = 3.0
     """1: how many times worse the next arrangement of axes must be for one to be inferred"""
+    marker_times: float = 10.0
+    """1: how many times the largest other value of a column a number must be to be the mark of a missing value; -999.25
+    stands beside g, m/s2, deg/s of a hand and deg C, not beside mg or counts, which |a| shows"""
     gap_steps: float = 1.5
     """1: a step of more than so many usual ones is a gap (the jitter of USB and radio loggers stays below)"""
     rows_around: int = 9

@@ -18,8 +18,12 @@ def _words(text: str) -> frozenset[str]:
 
 _ACCEL = _words(
     "a acc accel accelerometer acceleration accelerations accl xacc yacc zacc specific imuacc total f force gforce"
+    " beschleunigung akselerasjon versnelling accelerazione aceleracion"
 )
-_GYRO = _words("gyr gyro gyroscope gyros w omega angular rotation angularrate rotationrate angvel rot")
+_GYRO = _words(
+    "gyr gyro gyroscope gyros w omega angular rotation angularrate rotationrate angvel rot"
+    " drehrate winkelgeschwindigkeit vinkelhastighet angulaire"
+)
 _OTHER = _words(
     "mag magnetometer magnetic m compass field std var cov covariance bias quat q quaternion"
     " orientation pos position vel velocity lat lon gps noise sigma rms"
@@ -27,8 +31,9 @@ _OTHER = _words(
 _TIME = _words(
     "t time timestamp timestamps ts stamp datetime date epoch millis micros nanos"
     " elapsed clock utc seconds times sampletime uptime"
+    " zeit tid temps tijd tempo tiempo"
 )
-_TEMPERATURE = frozenset({"temp", "temperature", "tmp", "temperatures"})
+_TEMPERATURE = frozenset({"temp", "temperature", "tmp", "temperatures", "temperatur", "temperatuur"})
 _REFERENCE = frozenset({"ref", "reference", "table", "bench", "true", "truth", "set", "nominal", "target"})
 _NAMED_WITH_BLANKS = frozenset({"m_s2", "rad_s", "deg_s"})
 """units that end a name in two words"""
