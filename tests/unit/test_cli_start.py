@@ -116,3 +116,12 @@ def test_the_shell_is_reported_how_a_command_goes_on() -> None:
     asked = {"_HIGHSIDE_COMPLETE": "complete_bash", "COMP_WORDS": "highside ca", "COMP_CWORD": "1"}
     done = subprocess.run([HIGHSIDE], capture_output=True, text=True, env=os.environ | asked, timeout=60)
     assert done.stdout.split() == ["calibrate"]
+
+
+@pytest.mark.parametrize("asked", [["schema"], ["effects"], ["examples"]])
+def test_an_output_onto_a_full_disk_is_one_line_and_exit_status_2(asked: list[str]) -> None:
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run([HIGHSIDE, *asked], stdout=full, stderr=subprocess.PIPE, text=True, timeout=60)
+    assert done.returncode == 2, done.stderr
+    assert done.stderr.count("\n") == 1
+    assert done.stderr.startswith("highside: the output cannot be written: No space left on device; make room")

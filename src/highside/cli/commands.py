@@ -6,6 +6,7 @@ that there is not, loads them all.
 
 from __future__ import annotations
 
+import errno
 import os
 import sys
 from importlib import import_module
@@ -121,6 +122,10 @@ def _usage(error: Any) -> int:
     return int(error.exit_code)
 
 
+_NO_ROOM = frozenset({errno.ENOSPC, errno.EFBIG, errno.EIO})
+"""what a full or failing disk behind `> FILE` answers"""
+
+
 def run(arguments: list[str]) -> int:
     """Do what the command line says; the exit status."""
     try:
@@ -138,6 +143,10 @@ def run(arguments: list[str]) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except Exception as error:
+        if isinstance(error, OSError) and error.filename is None and error.errno in _NO_ROOM:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            echo(f"highside: the output cannot be written: {error.strerror}; make room, or send it elsewhere", err=True)
+            return 2
         if os.environ.get("HIGHSIDE_DEBUG"):
             raise
         echo(
