@@ -23,6 +23,7 @@ from typing import Any
 import seeds
 from mutate import Document, damaged, damaged_gzip
 
+from highside.api.iscwsa import error_model
 from highside.api.survey_list import list_surveys
 from highside.api.surveys import analyse_surveys
 from highside.bench.mqtt import FAILED, SessionMqtt
@@ -208,6 +209,13 @@ class Bench:
         analyse_surveys(self.put(data, "kept.jsonl")).to_dict()
         return True
 
+    def watched_error_model(self, data: bytes) -> bool:
+        """What a watch left, and a tool model: the same bytes as both."""
+        path = self.put(data, "watch.json")
+        made = error_model(self.put(seeds.record().to_json().encode(), "cal.json"), watch=path)
+        made.save(self.folder / "model.json", into=path)
+        return True
+
     def survey_join(self, data: bytes) -> bool:
         """Depths beside sound surveys."""
         kept = self.put(seeds.surveys(), "kept.jsonl")
@@ -380,6 +388,7 @@ def all_parsers(bench: Bench) -> Sequence[Parser]:
     entry = {"number": 1, "tool": "t1", "record": "0" * 64, "action": "activate", "at": "2026-11-22T10:00:00Z"}
     activation = json.dumps(entry | {"undoes": None}).encode()
     journal, containers = seeds.journal(), seeds.containers()
+    watched = seeds.watched()
     return (
         Parser("service TOML", of(*services), bench.service_toml, services, CONFIG),
         Parser("bench TOML", of(*bench_files), bench.bench_toml, tuple(bench_files), CONFIG),
@@ -410,6 +419,9 @@ def all_parsers(bench: Bench) -> Sequence[Parser]:
         Parser("surveys, analysed", of(seeds.surveys()), bench.surveys_analysed, (seeds.surveys(),), SURVEYS),
         Parser(
             "survey depths", of(seeds.DEPTHS), bench.survey_join, (seeds.DEPTHS,), (*TABLES, "recording/survey_list")
+        ),
+        Parser(
+            "watch and tool model", of(watched), bench.watched_error_model, (watched,), ("api/iscwsa", "watch/iscwsa")
         ),
         Parser("starts of the service", of(seeds.starts()), bench.starts, (seeds.starts(),), ("service/starts",)),
         Parser("known time", of(seeds.known_time()), bench.known_time, (seeds.known_time(),), ("service/known_time",)),

@@ -191,6 +191,18 @@ def surveys() -> bytes:
     return b"".join(json.dumps(line).encode() + b"\n" for line in lines)
 
 
+def watched() -> bytes:
+    """A result of a watch that is a tool model too."""
+    names = [f"b_{i}" for i in "xyz"] + [f"S_{i}{j}" for i in "xyz" for j in "xyz"]
+    terms = ["ABXY-TI1S", "ABXY-TI2S", "ABZ", "ASXY-TI1S", "ASXY-TI2S", "ASXY-TI3S", "ASZ"]
+    document = {
+        "cal_id": record().id,
+        "parameters": {name: {"value": 1e-4, "std": 1e-5} for name in names},
+        "terms": [{"name": name, "value": 0.004} for name in terms],
+    }
+    return json.dumps(document).encode()
+
+
 DEPTHS = "".join(["seq,md_m\n", *(f"{i},{30.0 * i + 10.5}\n" for i in range(12))]).encode()
 """of the same surveys"""
 

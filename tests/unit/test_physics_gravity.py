@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from highside.physics.gravity import (
     attitude_of,
     bench_gravity,
+    gravity_below_mps2,
     gravity_direction,
     gravity_jacobians,
     normal_gravity_mps2,
@@ -113,6 +114,18 @@ def test_gravity_falls_off_with_height_as_newtons_law_bends_it(latitude_deg: flo
     ground, middle, top = (normal_gravity_mps2(latitude, k * step) for k in range(3))
     expected = 6.0 * ground * (step / 6_371_000.0) ** 2
     assert top - 2.0 * middle + ground == pytest.approx(expected, rel=0.02)
+
+
+def test_below_ground_gravity_grows_as_poincare_and_prey_have_it() -> None:
+    """Heiskanen and Moritz: 0.0848 mGal/m in rock of 2,670 kg/m3; what 3 km are in rock of 2,200 and 2,700."""
+    gradient = gravity_below_mps2(9.81, np.pi / 4, 0.0, 1.0, 2670.0) - 9.81
+    assert gradient == pytest.approx(0.848e-6, rel=0.01)
+    for density, mg in ((2700.0, 0.25), (2200.0, 0.38)):
+        assert (gravity_below_mps2(9.81, np.pi / 4, 0.0, 3000.0, density) - 9.81) / 9.80665e-3 == pytest.approx(
+            mg, abs=0.01
+        )
+    # through a sea of 1,025 kg/m3: 0.2226 mGal/m
+    assert gravity_below_mps2(9.81, np.pi / 4, 0.0, 1.0, 1025.0) - 9.81 == pytest.approx(2.226e-6, rel=0.005)
 
 
 def test_from_equator_to_pole_gravity_changes_by_five_thousandths() -> None:

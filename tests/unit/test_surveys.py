@@ -76,6 +76,30 @@ def test_gtotal_may_miss_its_limit_by_two_standard_deviations_and_no_more(sign: 
         assert judge(attitude, gravity, limits, 0.1, complete=True).accepted is accepted
 
 
+@pytest.mark.parametrize(
+    ("site", "expected", "std"),
+    [
+        ({}, None, None),
+        ({"latitude_deg": 52.0}, None, None),
+        ({"height_m": 10.0, "depth_m": 3000.0}, None, None),
+        # tables of normal gravity: 9.812697 at 52 deg; free air 3.086e-6 a metre
+        ({"latitude_deg": 52.0, "height_m": 0.0}, 9.81270, 3e-4),
+        ({"latitude_deg": 52.0, "height_m": 1000.0}, 9.80961, 3e-4),
+        ({"gravity_mps2": 9.8131}, 9.8131, 5e-4),
+        ({"gravity_mps2": 9.8131, "depth_m": 3000.0, "density_kgpm3": 2700.0}, 9.8131 + 2.47e-3, 8.0e-4),
+    ],
+)
+def test_gravity_of_the_site_is_measured_or_follows_from_latitude_height_and_depth(
+    site: dict[str, float], expected: float | None, std: float | None
+) -> None:
+    found = SiteSettings(**site).local_gravity()  # type: ignore[arg-type]
+    if expected is None:
+        assert found is None
+        return
+    assert found == (pytest.approx(expected, abs=3e-5), pytest.approx(std, rel=0.02))
+    assert expected_gravity(SiteSettings(**site), 9.81, 0.0).expected == pytest.approx(found[0] / 9.81)  # type: ignore[arg-type]
+
+
 def test_gtotal_is_compared_with_the_sites_gravity_in_units_of_the_benchs() -> None:
     gravity = expected_gravity(SiteSettings(gravity_mps2=9.7803, gravity_std_mps2=0.0002), 9.8322, 0.0001)
     assert gravity.expected == pytest.approx(9.7803 / 9.8322)

@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from highside.api.diagnosis import Diagnosis, diagnose, diagnose_table
     from highside.api.gyro import Drift, drift
     from highside.api.importing import ImportProposal, import_recording, inspect_import
+    from highside.api.iscwsa import ErrorModel, error_model
     from highside.api.learning import new_effect
     from highside.api.recording import Recording
     from highside.api.rotation import (
@@ -68,6 +69,7 @@ __all__ = [
     "CorrectedReadings",
     "Diagnosis",
     "Drift",
+    "ErrorModel",
     "FitOfRotation",
     "HighsideError",
     "ImportProposal",
@@ -95,6 +97,7 @@ __all__ = [
     "diagnose",
     "diagnose_table",
     "drift",
+    "error_model",
     "find_poses",
     "fit_rotation",
     "fit_self",
@@ -120,6 +123,7 @@ _HOMES = {
     "CorrectedReadings": "highside.api.calibration",
     "Diagnosis": "highside.api.diagnosis",
     "Drift": "highside.api.gyro",
+    "ErrorModel": "highside.api.iscwsa",
     "FitOfRotation": "highside.api.rotation",
     "HighsideError": "highside.errors",
     "ImportProposal": "highside.api.importing",
@@ -147,6 +151,7 @@ _HOMES = {
     "diagnose": "highside.api.diagnosis",
     "diagnose_table": "highside.api.diagnosis",
     "drift": "highside.api.gyro",
+    "error_model": "highside.api.iscwsa",
     "find_poses": "highside.api.calibration",
     "fit_rotation": "highside.api.rotation",
     "fit_self": "highside.api.turntable",

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from highside.cli import bench, bench_sessions, certificate, verification
+from highside.cli import bench, bench_sessions, certificate, iscwsa, verification
 from highside.cli.options import as_options
 from highside.cli.own_effects import EffectFolders, take_in
 from highside.cli.say import echo, echo_json, report_omitted
@@ -31,6 +31,7 @@ app.command()(bench.bench)
 app.command()(bench_sessions.sessions)
 app.command()(verification.verify)
 app.command()(certificate.certificate)
+app.command()(iscwsa.iscwsa)
 
 
 class Triples(StrEnum):

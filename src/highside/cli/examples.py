@@ -40,6 +40,7 @@ EXAMPLES: dict[str, str] = {
     "calibrate apply": "cal.json session.csv.gz -o corrected.csv",
     "calibrate verify": "cal.json poses.csv --limit-inc-deg 0.1 --limit-tf-deg 1",
     "calibrate certificate": "cal.json --fields config/certificate.toml -o certificate.html",
+    "calibrate iscwsa": "cal.json -o error-model.json",
     "calibrate activate": "cal.json --store calibrations",
     "calibrate history": "--store calibrations",
     "calibrate rollback": "--store calibrations --tool tool-7",

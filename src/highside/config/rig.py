@@ -5,10 +5,17 @@
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
+from highside.physics.gravity import (
+    GRAVITATION,
+    gravity_below_mps2,
+    normal_gravity_mps2,
+    normal_gravity_std_mps2,
+)
 from highside.reading.config_table import ConfigTable
 
 Level = Annotated[float, Field(gt=0, le=100_000)]
@@ -18,12 +25,43 @@ class SiteSettings(ConfigTable):
     """The table `[site]`: gravity and latitude where the tool works."""
 
     gravity_mps2: float | None = Field(
-        default=None, gt=9.6, lt=10.0, description="Local gravity in m/s2; unknown where absent."
+        default=None,
+        gt=9.6,
+        lt=10.0,
+        description="Local gravity in m/s2, at the surface where `depth_m` is given; where absent that of `latitude_deg`"
+        " and `height_m`, else unknown.",
     )
     gravity_std_mps2: float = Field(default=0.0005, ge=0, lt=0.1, description="Its standard deviation, m/s2.")
     latitude_deg: float | None = Field(
         default=None, ge=-90, le=90, description="For the Earth's rotation in the gyros; absent: counts as their bias."
     )
+    height_m: float | None = Field(
+        default=None, ge=-500, le=9000, description="Of the ground above sea level, for gravity."
+    )
+    depth_m: float = Field(
+        default=0.0, ge=0, le=15_000, description="True vertical depth of the tool below the ground, for gravity."
+    )
+    density_kgpm3: float = Field(
+        default=2450.0, ge=1000, le=4000, description="Mean of the rock above: 2,200 (clay) to 2,700 (limestone)."
+    )
+    density_std_kgpm3: float = Field(default=250.0, ge=0, le=1000, description="Its standard deviation.")
+
+    def local_gravity(self) -> tuple[float, float] | None:
+        """Gravity at the tool and its standard deviation, m/s2; None: unknown.
+
+        Measured, or normal gravity of latitude and height (WGS84) with the anomalies of an unknown place (0.3 mm/s2);
+        below ground by Poincare and Prey. A measured one without a latitude takes the free-air growth at 45 deg (it
+        differs by 0.1 % over the Earth)."""
+        latitude = math.radians(45.0 if self.latitude_deg is None else self.latitude_deg)
+        height = self.height_m or 0.0
+        if self.gravity_mps2 is not None:
+            surface, std = self.gravity_mps2, self.gravity_std_mps2
+        elif self.latitude_deg is not None and self.height_m is not None:
+            surface, std = normal_gravity_mps2(latitude, height), normal_gravity_std_mps2()
+        else:
+            return None
+        rock = 4.0 * math.pi * GRAVITATION * self.density_std_kgpm3 * self.depth_m
+        return gravity_below_mps2(surface, latitude, height, self.depth_m, self.density_kgpm3), math.hypot(std, rock)
 
 
 class ToolfaceSettings(ConfigTable):

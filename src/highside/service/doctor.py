@@ -265,15 +265,16 @@ def _calibration(settings: Settings) -> Iterator[CheckResult]:
 
 
 def _site(settings: Settings) -> Iterator[CheckResult]:
-    if settings.site.gravity_mps2 is None:
+    local = settings.site.local_gravity()
+    if local is None:
         yield CheckResult(
             "site",
             Level.WARN,
             "gravity is unknown: Gtotal of surveys is judged with +-1.6 mg of doubt",
-            "give site.gravity_mps2",
+            "give site.gravity_mps2, or site.latitude_deg and site.height_m",
         )
     else:
-        yield CheckResult("site", Level.OK, f"gravity {settings.site.gravity_mps2} m/s2")
+        yield CheckResult("site", Level.OK, f"gravity {local[0]:.6g} +- {local[1]:.1g} m/s2")
 
 
 # --- links ---------------------------------------------------------------------------------------------------------

@@ -74,13 +74,13 @@ class Gravity:
 
 def expected_gravity(site: SiteSettings, bench_mps2: float | None, bench_std_mps2: float | None) -> Gravity:
     """From the site's gravity and that of the bench on which one unit was defined."""
-    if site.gravity_mps2 is None or bench_mps2 is None:
+    local = site.local_gravity()
+    if local is None or bench_mps2 is None:
         # the ratio of the two is all that counts, and one of them may be anywhere
         return Gravity(1.0, 1e3 * UNKNOWN_GRAVITY_STD_MPS2 / STANDARD_GRAVITY_MPS2, 1e3)
-    std = math.hypot(site.gravity_std_mps2, bench_std_mps2 or 0.0)
-    return Gravity(
-        site.gravity_mps2 / bench_mps2, 1e3 * std / STANDARD_GRAVITY_MPS2, 1e3 * bench_mps2 / STANDARD_GRAVITY_MPS2
-    )
+    gravity, gravity_std = local
+    std = math.hypot(gravity_std, bench_std_mps2 or 0.0)
+    return Gravity(gravity / bench_mps2, 1e3 * std / STANDARD_GRAVITY_MPS2, 1e3 * bench_mps2 / STANDARD_GRAVITY_MPS2)
 
 
 def judge(
