@@ -40,7 +40,8 @@ class ErrorModel:
 
     def to_dict(self, into: dict[str, Any] | None = None) -> dict[str, Any]:
         """A tool model in the JSON form of ISCWSA, as welleng takes it for `error_model`; `into`: one whose
-        accelerometer terms are replaced. The member `highside` says what the rest is. Raises InputError where `into` has none."""
+        accelerometer terms are replaced. The member `highside` says the rest. Raises InputError where `into` has none.
+        """
         ours = {
             "schema": "highside.iscwsa/1", "cal_id": self.cal_id, "basis": self.basis, "version": __version__,
             "by_axis": self.found.by_axis, "not_held": list(self.found.not_held),

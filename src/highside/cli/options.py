@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from highside.errors import HighsideError, InputError
 
 _ARGUMENT = re.compile(
-    r"\b(align|calibration|model|of|rate_terms|reference|rest|simulation|tool)=(?:'([\w.]+)'|\"([\w.]+)\")?"
+    r"\b(align|axial|azimuths|calibration|depths|model|of|rate_terms|reference|rest|simulation|tool)=(?:'([\w.]+)'|\"([\w.]+)\")?"
 )
 """How the library names an argument that would help, `rest=` or `align="none"`: each is an option of its command."""
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from highside.cli.options import as_options
+from highside.cli.options import as_options, in_options
 from highside.cli.say import echo
 from highside.cli.watch import show_watched
 from highside.recording.survey_formats import SurveyFormat
@@ -107,4 +107,4 @@ def _remarks(found: ListedSurveys) -> None:
     for reason, count in found.left_out.items():
         echo(f"left out: {count} ({reason})", err=True)
     for note in found.notes:
-        echo(f"note: {note}", err=True)
+        echo(f"note: {in_options(note)}", err=True)

@@ -28,8 +28,8 @@ class SiteSettings(ConfigTable):
         default=None,
         gt=9.6,
         lt=10.0,
-        description="Local gravity in m/s2, at the surface where `depth_m` is given; where absent that of `latitude_deg`"
-        " and `height_m`, else unknown.",
+        description="Local gravity in m/s2, at the surface where `depth_m` is given; where absent that of"
+        " `latitude_deg` and `height_m`, else unknown.",
     )
     gravity_std_mps2: float = Field(default=0.0005, ge=0, lt=0.1, description="Its standard deviation, m/s2.")
     latitude_deg: float | None = Field(

@@ -91,7 +91,7 @@ def list_of(kept: KeptSurveys, depths: Path | None, azimuths: Path | None, *, se
         raise InputError(
             f"no survey has a measured depth ({left['no measured depth']} without, {left['refused']} refused)",
             where=kept.source if depths is None else str(depths),
-            remedy="give a table with md_m and seq or t (UTC epoch seconds) of the surveys as --depths",
+            remedy="give a table with md_m and seq or t (UTC epoch seconds) of the surveys as depths=",
         )
     stations.sort(key=lambda row: row[0])
     rows = [row for row, after in zip(stations, [*stations[1:], None], strict=True) if _counts(row, after, left)]
@@ -125,7 +125,7 @@ def _listed(
         where = "in the kept surveys" if azimuths is None else f"in {azimuths.name}"
         notes.append(
             f"azimuth is not known at {without} of {len(rows)} stations ({where}): no positions; an inclinometer does"
-            " not measure it, give those of a gyro or another survey tool as --azimuths"
+            " not measure it, give those of a gyro or another survey tool as azimuths="
         )
     else:
         north, east, tvd, dls = minimum_curvature(md, columns["inc_deg"], azi)

@@ -10,8 +10,8 @@ this tool. With the corrected reading `c = (1 + S) f + b`, an error of c moves i
 Over all toolfaces the terms of T and 2T have half their square as a mean. The toolface-independent weights of the model
 (Rev 4 and 5) are the same decomposition for x and y of equal sigma: `cos I/G` for the bias on the high side,
 `sin I cos I/sqrt 2` for the common part of both scale factors, `sin I cos I/2` for the part in 2T. What of S has no
-term in the model (within the triad it knows no misalignment) is given apart, under names of our own: half the difference
-and half the sum of `S_xz` and `S_zx`, a turn and a shear of the triad.
+term in the model (within the triad it knows no misalignment) is given apart, under names of our own: half the
+difference and half the sum of `S_xz` and `S_zx`, a turn and a shear of the triad.
 """
 
 from __future__ import annotations
