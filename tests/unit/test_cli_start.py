@@ -51,7 +51,14 @@ def modules_of(program: str, *arguments: str) -> set[str]:
 def test_the_version_is_reported_without_the_commands() -> None:
     loaded = modules_of("from highside.cli.main import main; main()", "--version")
     own = {name for name in loaded if name.startswith("highside")}
-    assert own == {"highside", "highside.cli", "highside.cli.main", "highside.cli.say", "highside.printable"}
+    assert own == {
+        "highside",
+        "highside.cli",
+        "highside.cli.main",
+        "highside.cli.say",
+        "highside.printable",
+        "highside.version",
+    }
     assert not loaded & {"typer", "typing_extensions", "asyncio", "importlib.metadata"}
 
 

@@ -88,9 +88,8 @@ def conclude(
 
     resembles = tuple(problem.variant(m).label or problem.candidates[m.candidate].id for m in terms)
     claiming = verdict in ("named", "named_plus")
-    claims = (
-        tuple(_claim(problem, selection, m, r, fit) for m, r in zip(terms, rivalries, strict=True)) if claiming else ()
-    )
+    pairs = zip(terms, rivalries, strict=True) if claiming else ()
+    claims = tuple(_claim(problem, selection, m, r, fit) for m, r in pairs)
     location = (
         _located(problem, selection, terms, share)
         if claiming
