@@ -52,13 +52,15 @@ from highside.recording.table import read_poses, read_recording
 from highside.recording.wire import detect_kind, read_segments
 from highside.rotation.compensation import Compensation
 from highside.rotation.live import LiveCompensation
-from highside.service import clock, saved_drift
+from highside.service import clock, saved_drift, saved_watch
 from highside.service.damage import DamageLog
 from highside.service.drift_keeper import DriftKeeper, DriftParts
 from highside.service.known_time import KnownTime
 from highside.service.rig.surveys import SurveyLog, trend_of
 from highside.service.rig.toolface import ToolfaceLog
 from highside.service.starts import StartLog
+from highside.service.watch_keeper import WatchKeeper, WatchParts
+from highside.service.watch_keeper import message as watch_message
 
 Make = Callable[[random.Random], bytes]
 
@@ -127,6 +129,7 @@ class Bench:
         shutil.copy(seeds.ROOT / "config" / "highside.dbc", self.folder / "highside.dbc")
         self.replies: list[bytes] = []
         self.keeper = self._keeper()
+        self.watch_keeper = self._watch_keeper()
 
     def close(self) -> None:
         shutil.rmtree(self.folder)
@@ -193,6 +196,15 @@ class Bench:
 
     def drift_state(self, data: bytes) -> bool:
         saved_drift.read(self.put(data, "drift.json"), "t1", saved_drift.Stamp.now(synced=True))
+        return True
+
+    def watch_state(self, data: bytes) -> bool:
+        """What is accepted is gone on with."""
+        saved = saved_watch.read(self.put(data, "watch.json"), "t1", saved_watch.Stamp.now(synced=True))
+        assert saved is not None
+        stage = seeds.watch_stage(saved)
+        watch_message(stage, 1.79e9).model_dump_json()
+        stage.health()
         return True
 
     def toolface(self, data: bytes) -> bool:
@@ -315,12 +327,27 @@ class Bench:
             self.folder, lambda reply, _done: self.replies.append(reply), lambda _: None, lambda: parts, DamageLog()
         )
 
+    def _watch_keeper(self) -> WatchKeeper:
+        settings = validate({"tool": {"id": "t1"}, "link": {"kind": "simulated"}, "codec": {"name": "tool"}}, where="x")
+        parts = WatchParts(settings, seeds.watch_stage())
+        return WatchKeeper(
+            self.folder, lambda reply, _done: self.replies.append(reply), lambda _: None, lambda: parts, DamageLog()
+        )
+
     def drift_command(self, data: bytes) -> bool:
         self.replies.clear()
         self.keeper.on_command(data, retained=False)
         assert len(self.replies) == 1, f"{len(self.replies)} replies"
         reply = json.loads(self.replies[0])
         # the keeper answers for faults of its own, too
+        assert reply["ok"] or "see the " not in reply["error"], reply["error"]
+        return bool(reply["ok"])
+
+    def watch_command(self, data: bytes) -> bool:
+        self.replies.clear()
+        self.watch_keeper.on_command(data, retained=False)
+        assert len(self.replies) == 1, f"{len(self.replies)} replies"
+        reply = json.loads(self.replies[0])
         assert reply["ok"] or "see the " not in reply["error"], reply["error"]
         return bool(reply["ok"])
 
@@ -370,7 +397,14 @@ IMPORT = ("importing", "reading/table")
 CONTAINERS = ("importing", *(f"reading/{name}" for name in PACKED), *TABLES)
 FLEET = ("fleet/catalogue", "reading/table")
 SESSION = ("bench/mqtt", "bench/session", "reading/messages")
-DRIFT = ("reading/messages", "service/saved_drift", "service/drift_keeper", "service/drift_stage")
+DRIFT = (
+    "reading/messages",
+    *(f"service/{name}" for name in ("saved_drift", "drift_keeper", "drift_stage", "commands")),
+)
+WATCH = (
+    *("reading/messages", "watch", "config/watch"),
+    *(f"service/{name}" for name in ("saved_watch", "watch_keeper", "watch_stage", "watch_messages", "commands")),
+)
 
 
 def all_parsers(bench: Bench) -> Sequence[Parser]:
@@ -412,6 +446,14 @@ def all_parsers(bench: Bench) -> Sequence[Parser]:
             (seeds.drift_state(),),
             DRIFT,
         ),
+        Parser("watch state", of(seeds.watch_state()), bench.watch_state, (seeds.watch_state(),), WATCH),
+        Parser(
+            "watch state, by structure",
+            of_document(json.loads(seeds.watch_state()), lambda d: json.dumps(d).encode()),
+            bench.watch_state,
+            (seeds.watch_state(),),
+            WATCH,
+        ),
         Parser(
             "toolface log", of(seeds.toolface_log()), bench.toolface, (seeds.toolface_log(),), ("service/rig/toolface",)
         ),
@@ -445,6 +487,7 @@ def all_parsers(bench: Bench) -> Sequence[Parser]:
         Parser(".hsw", of(seeds.wire()), bench.wire, (seeds.wire(),), ("recording/wire", "link/replay")),
         Parser("candump", of(seeds.candump()), bench.candump, (seeds.candump(),), ("recording/candump",)),
         Parser("drift/command", of(*seeds.DRIFT_COMMANDS), bench.drift_command, seeds.DRIFT_COMMANDS[:1], DRIFT),
+        Parser("watch/command", of(*seeds.WATCH_COMMANDS), bench.watch_command, seeds.WATCH_COMMANDS[:1], WATCH),
         Parser(
             "session/command",
             of(*seeds.SESSION_COMMANDS),

@@ -29,6 +29,7 @@ from highside.calibration.signature import FILE, SigningKey  # noqa: E402
 from highside.codec import tool  # noqa: E402
 from highside.codec.frame import CanFrame  # noqa: E402
 from highside.config.drift import DriftSettings  # noqa: E402
+from highside.config.watch import WatchSettings  # noqa: E402
 from highside.physics.gravity import gravity_direction  # noqa: E402
 from highside.recording.candump import format_candump  # noqa: E402
 from highside.recording.table import PoseTable, Recording  # noqa: E402
@@ -36,6 +37,8 @@ from highside.recording.wire import encode_header, encode_record  # noqa: E402
 from highside.rotation import Compensation, CurveMethod, FitOptions, Samples, Validity, fit  # noqa: E402
 from highside.service.drift_stage import DriftStage  # noqa: E402
 from highside.service.saved_drift import DriftFile, Stamp  # noqa: E402
+from highside.service.saved_watch import SavedWatch, WatchFile  # noqa: E402
+from highside.service.watch_stage import Watched, WatchStage  # noqa: E402
 
 SERVICE = b"""
 [tool]
@@ -67,6 +70,9 @@ latitude_deg = 52.0
 gravity_mps2 = 9.81
 [drift]
 azimuth_deg = 120.0
+[watch]
+threshold = 40.0
+random_walk_g = 1e-5
 [mqtt]
 host = "127.0.0.1"
 [mqtt.outbox]
@@ -94,6 +100,7 @@ DRIFT_COMMANDS = (
     b'{"id":"x-9","command":"reset_heading"}',
     b'{"id":"2","command":"restart"}',
 )
+WATCH_COMMANDS = (b'{"id":"1","command":"restart"}', b'{"id":"b-2","command":"acknowledge"}')
 SESSION_COMMANDS = (
     b'{"name":"start","request_id":"r1","operator":"Alice"}',
     b'{"name":"redo","request_id":"r2","operator":"Alice","pose":"3","note":"again"}',
@@ -169,6 +176,35 @@ def drift_state() -> bytes:
     state = drift_stage().saved()
     assert state is not None
     return DriftFile(tool="t1", stamp=Stamp.now(synced=True), state=state).model_dump_json().encode()
+
+
+def watch_stage(saved: SavedWatch | None = None) -> WatchStage:
+    """A stage that has seen a tool at rest and turning, at 40 and 50 deg."""
+    stage = WatchStage(WatchSettings(), Watched(record(), 1.0, 1e-4), saved)
+    if saved is not None:
+        return stage
+    rng = np.random.default_rng(4)
+    for k, inc_deg in enumerate((40.0, 50.0)):
+        for at, lasts, rate in ((0.0, 60.0, 0.0), (120.0, 90.0, 1.0)):
+            for t in np.arange(0.0, lasts, 0.1):
+                tf = 0.4 + rate * t
+                noise = 1e-4 * rng.standard_normal(3)
+                s, c = math.sin(math.radians(inc_deg)), math.cos(math.radians(inc_deg))
+                f = (s * math.cos(tf) + noise[0], s * math.sin(tf) + noise[1], c + noise[2])
+                stage.add(1800.0 * k + at + float(t), 0.0, 0.0, -math.degrees(rate))
+                stage.close(1800.0 * k + at + float(t), 1000.0 + t, f, 25.0)
+    stage.finish()
+    while stage.waiting:
+        stage.take_said(stage.core.take(stage.waiting.popleft()))
+    return stage
+
+
+@cache
+def watch_state() -> bytes:
+    """What such a stage keeps."""
+    stage = watch_stage()
+    file = WatchFile(tool="t1", stamp=Stamp.now(synced=True), said=stage.said.to_dict(), state=stage.saved())
+    return file.model_dump_json().encode()
 
 
 @cache

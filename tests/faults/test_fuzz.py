@@ -23,12 +23,11 @@ def parsers() -> Iterator[dict[str, Parser]]:
 NAMES = (
     "service TOML", "bench TOML", "certificate TOML", "model TOML", "codec TOML", "--set", "DBC text",
     "calibration record", "record, hashed again", "activation", "compensation", "compensation, hashed again",
-    "drift state", "drift state, by structure", "toolface log", "surveys", "surveys, analysed",
-    "survey depths", "watch and tool model",
-    "starts of the service", "known time", "trusted keys", "signature", "journal", "journal, chained again",
-    "recording CSV", "recording CSV.gz",
-    "pose table", "import CSV", "import containers", "fleet catalogue", "import profile", ".hsw", "candump",
-    "drift/command", "session/command",
+    "drift state", "drift state, by structure", "watch state", "watch state, by structure", "toolface log",
+    "surveys", "surveys, analysed", "survey depths", "watch and tool model", "starts of the service", "known time",
+    "trusted keys", "signature", "journal", "journal, chained again", "recording CSV", "recording CSV.gz", "pose table",
+    "import CSV", "import containers", "fleet catalogue", "import profile", ".hsw", "candump", "drift/command",
+    "watch/command", "session/command",
 )  # fmt: skip
 
 

@@ -27,7 +27,18 @@ from daemon import Pty
 from highside.codec.tool import encode
 from highside.config.settings import load
 from highside.link import opened
-from highside.service import app, drift_keeper, in_force, leaving, parts, pipeline, places, publisher, reload
+from highside.service import (
+    app,
+    drift_keeper,
+    in_force,
+    leaving,
+    parts,
+    pipeline,
+    places,
+    publisher,
+    reload,
+    watch_keeper,
+)
 from highside.service.rig import rig
 
 pytestmark = pytest.mark.slow
@@ -41,7 +52,8 @@ def codes() -> set[CodeType]:
     found: list[Any] = [
         *(f for name, f in vars(reload.Reload).items() if callable(f) and name not in NOT_INJECTED),
         reload.open_link, reload._opened_first, parts.make_supervisor, opened.OpenedTransport.open_ahead,
-        app.Service.make_pipeline, app.Service.make_publisher, app.Service.make_tap, parts.make_pipeline,
+        app.Service.make_publisher, app.Service.make_tap, parts.make_pipeline, watch_keeper.WatchKeeper.build,
+        watch_keeper.WatchKeeper._stage,
         app.Service.take, leaving.Leaving.successor, leaving.Leaving.all_gone, pipeline.Pipeline.successor,
         pipeline.Pipeline.correction.fset, pipeline.Pipeline.rotation.fset, rig.Rig.build, rig.Rig.open_metrics,
         drift_keeper.DriftKeeper.build, drift_keeper._stage, places.ToolLock.__init__, publisher.Publisher.__init__,

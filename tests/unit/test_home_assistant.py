@@ -20,6 +20,7 @@ VALUES = {
 }  # fmt: skip
 SURVEY = {"inc_deg": 12.0, "toolface_deg": 101.0, "accepted": False, "reasons": ["moved"], "g_error_mg": 0.2}
 HEALTH = {"outbox": {"queued": 4}, "link": {"data_age_s": 0.25}, "alarms": ["link_stale"]}
+WATCH = {"verdict": "departs", "advice": ["pull the tool"], "claims": [{"equivalence_class": ["b_x", "S_xz"]}]}
 
 
 @pytest.fixture
@@ -35,6 +36,7 @@ def render(template: str, payload: Any) -> str:
 
 def test_every_template_finds_its_value(reported: dict[str, Any]) -> None:
     payloads = {"latest": json.loads(latest_payload(time.time(), VALUES)), "survey": SURVEY, "health": HEALTH}
+    payloads["watch"] = WATCH
     shown = {
         key: render(c["value_template"], payloads[c["state_topic"].rpartition("/")[2]])
         for key, c in reported["components"].items()
@@ -42,16 +44,21 @@ def test_every_template_finds_its_value(reported: dict[str, Any]) -> None:
     assert shown == {
         "inc": "12.3456", "inc_std": "0.01", "toolface": "103.0", "tf_std": "0.2", "azimuth": "None", "g_total": "None",
         "survey_inc": "12.0", "survey_toolface": "101.0", "survey_azimuth": "None", "survey_g_error": "0.2",
-        "queued": "4", "data_age": "0.25", "survey_accepted": "OFF", "problem": "ON",
+        "queued": "4", "data_age": "0.25", "survey_accepted": "OFF", "problem": "ON", "calibration_departs": "ON",
     }  # fmt: skip
     assert json.loads(render(reported["components"]["problem"]["json_attributes_template"], HEALTH)) == {
         "alarms": ["link_stale"]
+    }
+    assert json.loads(render(reported["components"]["calibration_departs"]["json_attributes_template"], WATCH)) == {
+        "verdict": "departs",
+        "advice": ["pull the tool"],
+        "class": [["b_x", "S_xz"]],
     }
 
 
 def test_nothing_is_announced_from_the_stream_of_attitudes(reported: dict[str, Any]) -> None:
     topics = {component["state_topic"] for component in reported["components"].values()}
-    assert topics == {"highside/t.1/latest", "highside/t.1/survey", "highside/t.1/health"}
+    assert topics == {f"highside/t.1/{name}" for name in ("latest", "survey", "health", "watch")}
 
 
 def test_values_expire_and_diagnostics_are_called_so(reported: dict[str, Any]) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -23,9 +24,10 @@ from highside.shown.panel import PlotLine, PlotPanel
 from highside.shown.plot import Plot
 from highside.version import __version__
 from highside.watch import Watch, WatchResult, prior_of_record
+from highside.watch.proposal import propose, read_said
 from highside.watch.rows import Rows, feed
 
-__all__ = ["WatchedRecording", "watch_recording"]
+__all__ = ["WatchedRecording", "proposal_of", "watch_recording"]
 
 GYROS = ("gx_dps", "gy_dps", "gz_dps")
 DEPTH = "tvd_m"
@@ -59,6 +61,11 @@ class WatchedRecording:
         """Write `watch.json` and `report.html`. Raises InputError for a folder that cannot be made."""
         text = json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n"
         write_folder(Path(folder), {"watch.json": text, "report.html": self.html()})
+
+    def proposal(self, calibration: Calibration | File) -> Calibration:
+        """The record that would correct what departs, for a person to put in force; `calibration`: the one that was
+        watched. Raises InputError where nothing is to be proposed: nothing departs, or the hole has not named it."""
+        return proposal_of(json.dumps(self.to_dict()).encode(), calibration, where=self.source)
 
     def _repr_html_(self) -> str:
         """What a notebook shows: the verdict, the departures, and what to do."""
@@ -124,3 +131,10 @@ def watch_recording(
 
 def _vibration(table: Recording) -> Array | None:
     return table.columns.get("vibration_rms_g")
+
+
+def proposal_of(said: bytes, calibration: Calibration | File, *, where: str) -> Calibration:
+    """The record that what a watch `said` (the bytes of its `watch.json`, or of the service's state) would have put in
+    force. Raises InputError where nothing is to be proposed."""
+    record = calibration.record if isinstance(calibration, Calibration) else read_record(Path(calibration))
+    return Calibration(propose(record, read_said(said, where), now_s=time.time(), where=where))

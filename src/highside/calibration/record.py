@@ -22,6 +22,7 @@ from enum import StrEnum
 from typing import Any
 
 from highside.calibration.correction import OUTSIDE_ZONE, Correction, TemperatureTrust
+from highside.calibration.in_hole import moved_again, solved_again
 from highside.calibration.linear_correction import LinearCorrection
 from highside.calibration.linear_errors import BenchAccuracy
 from highside.calibration.method import Solution, SolveRequest
@@ -202,11 +203,10 @@ class CalibrationRecord:
 def canonical(content: Mapping[str, Any]) -> bytes:
     """The one way to write a content for hashing. Raises InputError for a number that is not finite."""
     try:
-        return json.dumps(content, sort_keys=True, separators=(",", ":"), ensure_ascii=True, allow_nan=False).encode(
-            "ascii"
-        )
+        text = json.dumps(content, sort_keys=True, separators=(",", ":"), ensure_ascii=True, allow_nan=False)
     except ValueError as error:
         raise InputError(f"a calibration record cannot hold a number that is not finite ({error})") from error
+    return text.encode("ascii")
 
 
 def content_id(content: Mapping[str, Any]) -> str:
@@ -262,8 +262,7 @@ def build_record(
         "fallback": None if fallback is None else fallback.to_dict(),
         "guide": None if guide is None else guide.to_dict(),
     }
-    if laws:
-        content["laws"] = [law.to_dict() for law in laws]
+    content |= {"laws": [law.to_dict() for law in laws]} if laws else {}
     # through JSON and back, so that what is used now is exactly what will be read later
     content = parse_json(canonical(content))
     return _typed(content_id(content), content)
@@ -292,8 +291,7 @@ def parse_record(text: str | bytes, *, where: str | None = None) -> CalibrationR
             f"{at}its content has the hash {found[:12]}, not {str(stated)[:12]}; use the original file",
         )
     if data.get("units") != UNITS:
-        units = data.get("units")
-        found_units = units if isinstance(units, dict) else {}
+        found_units = data["units"] if isinstance(data.get("units"), dict) else {}
         wrong = [
             f"{name} in {found_units.get(name)!r} where {unit!r} is read"
             for name, unit in UNITS.items()
@@ -319,6 +317,7 @@ def _typed(record_id: str, content: Mapping[str, Any], at: str = "") -> Calibrat
         )
         # the views that are made on demand must work too
         _ = (record.tool_id, record.serial, record.created_s, record.valid_from_s, record.expires_s, record.request)
+        moved_again(content, record.result)
         trial = correction_from_record(record).correct((0.1, 0.2, 0.97))
         if OUTSIDE_ZONE not in trial.flags and not all(map(math.isfinite, (*trial[:3], *trial.cov))):
             raise ValueError("a corrected reading is no number")
@@ -433,8 +432,9 @@ def solve_poses(columns: PoseColumns, request: SolveRequest, *, where: str | Non
 
 
 def recompute(record: CalibrationRecord) -> Solution:
-    """Solve the record's own pose table again, as it was requested."""
-    return solve_poses(record.pose_columns, record.request, where=f"pose table of record {record.id[:12]}")
+    """Solve the record's own pose table again, as it was requested; one made in the hole is moved as it says."""
+    where = f"pose table of record {record.id[:12]}"
+    return solved_again(record.content, solve_poses(record.pose_columns, record.request, where=where))
 
 
 def largest_difference(record: CalibrationRecord, solution: Solution) -> float:

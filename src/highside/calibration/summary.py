@@ -33,6 +33,7 @@ def summary(record: CalibrationRecord) -> dict[str, Any]:
         "expires": record.content["expires"],
         "environment": dict(record.content["environment"]),
         "raw": dict(record.content["raw"]),
+        "parent": record.content.get("parent"),
         "signature": None if record.signature is None else record.signature.to_dict(),
         "software": dict(record.content["software"]),
         "poses": len(fit.ids),

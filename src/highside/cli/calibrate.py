@@ -387,6 +387,8 @@ def _summary_lines(s: dict[str, Any]) -> list[str]:
         f"law       {law['slug']}: {law['place']} {', '.join(law['channels'])}, by {', '.join(law['depends_on'])}"
         for law in s["laws"]
     ]
+    if s["parent"]:
+        lines.append(f"in hole   made of {s['parent'][:12]} and of what the watch saw down there")
     worst = s["worst_pose"]
     if worst and worst["sigmas"] > 0.0:
         lines.append(f"worst     pose {worst['pose']}, {worst['sigmas']:.1f} sigma")

@@ -49,7 +49,7 @@ COMMANDS = {
     "keys": "keys.app",
     "surveys": "surveys.app",
     "toolface": "toolface.app",
-    "watch": "watch.watch",
+    "watch": "watch.app",
     "check": "run.check",
     "schema": "run.schema",
 }

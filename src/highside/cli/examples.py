@@ -61,7 +61,8 @@ EXAMPLES: dict[str, str] = {
     "surveys export": "surveys.jsonl --to las -o surveys.las --depths depths.csv --azimuths gyro.csv",
     "toolface set": '12.5 --author "A. Driller" --config highside.toml',
     "toolface show": "--config highside.toml",
-    "watch": "run.csv.gz --calibration cal.json --out watch",
+    "watch recording": "run.csv.gz --calibration cal.json --out watch",
+    "watch propose": "watch/watch.json --calibration cal.json -o proposed.json",
 }
 """Arguments by command; files are named as the examples of other commands make them, and those of `config/`."""
 

@@ -3,20 +3,41 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
 from highside.cli.options import as_options
 from highside.cli.say import echo
+from highside.errors import InputError
 
 if TYPE_CHECKING:
     from highside.api.surveys import AnalysedSurveys
     from highside.api.watch import WatchedRecording
 
 
-def watch(
-    recording: Annotated[
+class _OfRecordings(TyperGroup):
+    """`highside watch REC.csv` is `highside watch recording REC.csv`."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Put the word in that was left out."""
+        if args and args[0] not in self.commands and args[0] not in ctx.help_option_names:
+            args = ["recording", *args]
+        return list(super().parse_args(ctx, args))
+
+
+app = typer.Typer(
+    name="watch",
+    cls=_OfRecordings,
+    no_args_is_help=True,
+    help="Whether a calibration still holds in the hole; `highside watch REC.csv` is `watch recording REC.csv`.",
+)
+
+
+@app.command()
+def recording(
+    file: Annotated[
         Path, typer.Argument(metavar="REC", help="Recording of the hole: accelerometers, and gyros where it turns.")
     ],
     calibration: Annotated[Path, typer.Option("--calibration", help="The record in force (JSON).")],
@@ -33,7 +54,7 @@ def watch(
     from highside.api.watch import watch_recording
 
     with as_options("gravity_g"):
-        made = watch_recording(recording, calibration, gravity_g=gravity_g)
+        made = watch_recording(file, calibration, gravity_g=gravity_g)
     show_watched(made, out)
 
 
@@ -57,3 +78,49 @@ def show_watched(made: WatchedRecording | AnalysedSurveys, out: Path) -> None:
         echo(f"{out / 'report.html'}: {NO_FIGURES}", err=True)
     if found.verdict == "departs":
         raise typer.Exit(1)
+
+
+@app.command()
+def propose(
+    said: Annotated[
+        Path,
+        typer.Argument(metavar="WATCH", help="watch.json: of `highside watch`, or of the service's state directory."),
+    ],
+    output: Annotated[Path, typer.Option("-o", "--output", help="Record to write.")],
+    calibration: Annotated[
+        Path | None, typer.Option("--calibration", help="The record that was watched (JSON).")
+    ] = None,
+    store: Annotated[
+        Path | None, typer.Option("--store", help="Or the store that holds it; the new record is kept there, too.")
+    ] = None,
+) -> None:
+    """Write a calibration record that corrects what departs, for a person to put in force.
+
+    Nothing is in force by it: `highside calibrate activate` does that, `calibrate rollback` takes it back. Exit status
+    2 where nothing is to be proposed: nothing departs, or the attitudes seen so far do not name what does.
+    """
+    from highside.api.calibration import Calibration
+    from highside.api.watch import proposal_of
+    from highside.reading import read_bytes
+    from highside.recording.calibration_store import CalibrationStore
+    from highside.watch.proposal import read_said
+
+    data = read_bytes(said)
+    if (calibration is None) == (store is None):
+        raise InputError("which record was watched?", remedy="give --calibration or --store")
+    kept = None if store is None else CalibrationStore(store)
+    parent: Path | Calibration
+    if kept is not None:
+        parent = Calibration(kept.get(read_said(data, str(said)).cal_id))
+    else:
+        assert calibration is not None
+        parent = calibration
+    made = proposal_of(data, parent, where=str(said))
+    made.save(output)
+    if kept is not None:
+        kept.add(made.record)
+    evidence = made.record.content["evidence"]
+    size = evidence["size"][evidence["parameter"]]
+    echo(f"{output}: record {made.id[:12]} of tool {made.record.tool_id}, made in the hole, its parent")
+    echo(f"  {made.record.content['parent'][:12]}: {evidence['parameter']} {size['value']:+.3g} +- {size['std']:.2g}")
+    echo(f"not in force: highside calibrate activate {output} --store STORE; calibrate rollback takes it back")

@@ -124,6 +124,9 @@ WitsValue = Literal[
     "inc_std_deg",
     "tf_std_deg",
     "azi_std_deg",
+    "watch_verdict",
+    "watch_inc_error_deg",
+    "watch_tf_sin_inc_error_deg",
     "depth",
     "date",
     "time",
@@ -134,7 +137,10 @@ class WitsItem(ConfigTable):
     """One item of a record."""
 
     code: str = Field(pattern=r"^[0-9]{4}$", description="Record type and item, four digits.")
-    value: WitsValue
+    value: WitsValue = Field(
+        description="`watch_verdict`: 0 learning, 1 holds, 2 departs; `watch_..._error_deg`: what departs does to"
+        " inclination, and to toolface times sin I, now."
+    )
     source: Literal["attitude", "survey"] = Field(
         default="attitude", description="The latest attitude, or the last accepted survey."
     )

@@ -34,6 +34,7 @@ from highside.config.rig import (
     VibrationSettings,
     WitsConfig,
 )
+from highside.config.watch import WatchSettings
 from highside.errors import InputError
 from highside.reading import parse_toml, read_toml
 from highside.reading.config_table import ConfigTable
@@ -178,6 +179,7 @@ class Settings(BaseSettings):
     rotation: RotationSettings = RotationSettings()
     rebalance: RebalanceTable = RebalanceTable()
     drift: DriftSettings = DriftSettings()
+    watch: WatchSettings = WatchSettings()
     mqtt: MqttSettings = MqttSettings()
     recorder: RecorderSettings = RecorderSettings()
     site: SiteSettings = SiteSettings()

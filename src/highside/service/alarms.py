@@ -43,6 +43,9 @@ ALARMS: dict[str, str] = {
     "frozen": "Every reading is the same: a dead converter.",
     "toolface_offset": "The log of toolface offsets cannot be read, or was lost; the offset before is in force, after a"
     " start none: `highside toolface set`.",
+    "calibration_departs": "The calibration in force does not hold any more, `watch` says what, how much and what to"
+    " do; the command `acknowledge` ends the alarm.",
+    "watch_state": "What the watch knew was not taken up, or cannot be kept, or it has failed; `watch.error` says why.",
     "drift_state": "What is known of the azimuth was not taken up, or cannot be kept; `drift.error` says why.",
     "damaged_file": "A file of the state directory was damaged and set aside; `damaged` names it.",
     "restarting": "The service has ended at least three times within ten minutes; `starts.last` says by what.",

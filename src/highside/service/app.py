@@ -22,10 +22,10 @@ import signal
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import IO
 
-from highside.codec.frame import ByteCodec, CanCodec
 from highside.config.places import left_behind
 from highside.config.settings import Settings
 from highside.errors import InputError
@@ -35,9 +35,9 @@ from highside.service.broker_client import check_secrets
 from highside.service.clock import LoopLag
 from highside.service.clock_watch import ClockWatch
 from highside.service.damage import DamageLog
-from highside.service.drift_keeper import DriftKeeper, DriftParts
+from highside.service.drift_keeper import DriftKeeper
 from highside.service.health import Health
-from highside.service.in_force import CalibrationInForce, CompensationInForce, calibration_for, error_text, rotation_for
+from highside.service.in_force import calibration_for, error_text, rotation_for
 from highside.service.leaving import Leaving
 from highside.service.notify import Notifier
 from highside.service.outbox import Outbox
@@ -55,6 +55,7 @@ from highside.service.rig.home_assistant import discovery
 from highside.service.rig.rig import Rig, run_outputs
 from highside.service.starts import StartLog
 from highside.service.tasks import cancelled, first_to_end
+from highside.service.watch_keeper import WatchKeeper
 
 log = logging.getLogger("highside")
 
@@ -78,8 +79,7 @@ class Service:
         """gives back what the start has opened and nobody has taken over"""
         self._lag = LoopLag()
         self.clock = ClockWatch(self.state_dir)
-        self._stopping = asyncio.Event()
-        self._changed = asyncio.Event()
+        self._stopping, self._changed = asyncio.Event(), asyncio.Event()
         """other tasks are to be watched"""
         self._refused_link: str | None = None
         self._quiet_link = QuietLog(log, burst=LINK_LINES)
@@ -106,8 +106,12 @@ class Service:
         self._starts = StartLog(self.state_dir)
         self.rig = Rig(self.state_dir, self.health, lambda: self.parts.rig, self.damage)
         self.drift = DriftKeeper(
-            self.state_dir, self._reply_drift, self._publish_drift, lambda: self.parts.drift, self.damage
+            self.state_dir, self._replies("drift"), self._states("drift"), lambda: self.parts.drift, self.damage
         )
+        self.watch = WatchKeeper(
+            self.state_dir, self._replies("watch"), self._states("watch"), lambda: self.parts.watch, self.damage
+        )
+        self.make_pipeline = partial(make_pipeline, emit=self._on_output, rig=self.rig)
         self.parts = self._make_parts(settings)
         self.reloader = Reloader(self, reload)
         self._health = Health(
@@ -117,6 +121,7 @@ class Service:
             recorder=self.recorder,
             rig=self.rig,
             drift=self.drift,
+            watch=self.watch,
             damage=self.damage,
             starts=self._starts,
             steps=self.clock.steps,
@@ -151,35 +156,25 @@ class Service:
         """All parts for the start."""
         calibration = calibration_for(settings, self.clock.present())
         rotation, drift = rotation_for(settings), self.drift.build(settings)
+        watch = self.watch.build(settings, calibration)
         tap = self.make_tap()
         return ServiceParts(
             settings=settings,
             calibration=calibration,
             rotation=rotation,
-            pipeline=self.make_pipeline(settings, settings.codec.build(), calibration, rotation, drift),
+            pipeline=self.make_pipeline(settings, settings.codec.build(), calibration, rotation, drift, watch),
             publisher=self.make_publisher(settings),
             tap=tap,
             supervisor=make_supervisor(settings.link, tap, None),
             drift=drift,
+            watch=watch,
             rig=self.rig.build(settings),
-        )
-
-    def make_pipeline(
-        self,
-        settings: Settings,
-        codec: ByteCodec | CanCodec,
-        calibration: CalibrationInForce,
-        rotation: CompensationInForce,
-        drift: DriftParts,
-    ) -> Pipeline:
-        """A pipeline whose counts begin anew."""
-        return make_pipeline(
-            settings, codec, calibration, rotation, drift, emit=self._on_output, offset=self.rig.offset
         )
 
     def make_publisher(self, settings: Settings) -> Publisher:
         """A publisher that has not connected."""
-        commands = {settings.mqtt.topic(settings.tool.id, "drift/command"): self._on_drift_command}
+        topic = partial(settings.mqtt.topic, settings.tool.id)
+        commands = {topic("drift/command"): self.drift.on_command, topic("watch/command"): self.watch.on_command}
         return Publisher(
             settings.mqtt, self.outbox, tool_id=settings.tool.id, commands=commands, instance=self._instance
         )
@@ -190,7 +185,10 @@ class Service:
 
     def take(self, parts: ServiceParts) -> None:
         """Put other parts in force."""
+        other = parts.watch.stage is not self.parts.watch.stage
         self.parts = parts
+        if other:
+            self.watch.took_over()
         self.recorder.apply(parts.settings.recorder)
         self._changed.set()
 
@@ -205,17 +203,14 @@ class Service:
     def _topic(self, name: str) -> str:
         return self.settings.mqtt.topic(self.settings.tool.id, name)
 
-    def _on_drift_command(self, payload: bytes, retained: bool) -> None:
-        self.drift.on_command(payload, retained=retained)
+    def _replies(self, name: str) -> Callable[[bytes, bool], None]:
+        return lambda payload, done: self.publisher.reply(self._topic(f"{name}/reply"), payload, done=done)
 
-    def _reply_drift(self, payload: bytes, done: bool) -> None:
-        self.publisher.reply(self._topic("drift/reply"), payload, done=done)
+    def _states(self, name: str) -> Callable[[bytes], None]:
+        return lambda payload: self.publisher.retained(self._topic(name), payload)
 
     def _publish_latest(self, payload: bytes) -> None:
         self.publisher.passing(self._topic("latest"), payload)
-
-    def _publish_drift(self, payload: bytes) -> None:
-        self.publisher.retained(self._topic("drift"), payload)
 
     # --- the sink of the link ----------------------------------------------------------------------------------
 
@@ -345,8 +340,10 @@ class Service:
     def _start(self) -> list[asyncio.Task[None]]:
         """Everything at work; returns the tasks that live as long as the service."""
         self.run_link(self.supervisor)
+        self.rig.latest.watch = self.watch.figures
         self.rig.start(lambda: self.pipeline, self.publish_health, self._publish_latest)
         self.drift.start()
+        self.watch.start()
         self.damage.require_file(self.state_dir / "outbox.sqlite", "messages are kept in a new file")
         self.outbox.start(wait=False)
         self.damage.require_directory(self.state_dir / "recordings", "the recordings in it, if it held any")
@@ -416,6 +413,7 @@ class Service:
         # close what the disk must not lose before the network is given the rest of the time
         await self.rig.stop(1.0)
         await self.drift.stop()
+        await self.watch.stop()
         await asyncio.to_thread(self.recorder.stop, max(deadline - time.monotonic() - 4.0, 1.0))
         self.publish_health()
         await self.publisher.stop(max(min(deadline - time.monotonic() - 2.0, 4.0), 0.5))

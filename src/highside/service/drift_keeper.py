@@ -6,32 +6,24 @@ import asyncio
 import logging
 import os
 import time
-from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from highside.config.settings import Settings
-from highside.errors import HighsideError, InputError
-from highside.reading import parse_message, text_member
+from highside.errors import HighsideError
 from highside.service import saved_drift
 from highside.service.clock import clock_synced
+from highside.service.commands import Commands
 from highside.service.damage import DamageLog
 from highside.service.drift_stage import DriftStage
-from highside.service.messages import LONGEST_ID, DriftCommand, DriftReply
-from highside.service.quiet_log import QuietLog
+from highside.service.messages import DriftCommand, DriftReply
 
 log = logging.getLogger("highside")
 
 FILE = "drift.json"
 ALIGN_STD_DEG = 0.5
-_REMEMBERED = 64
-"""ids of commands that are not done again"""
-_LONGEST_COMMAND = 4096
-_LONGEST_ERROR = 400
-_AUDITED = 20
-"""lines a minute that name commands done, of each kind"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,15 +51,12 @@ class DriftKeeper:
         damage: DamageLog,
     ) -> None:
         self._path = state_dir / FILE
-        self._reply, self._publish_state, self._in_force = reply, publish_state, in_force
+        self._publish_state, self._in_force = publish_state, in_force
         self._damage = damage
         self._task: asyncio.Task[None] | None = None
-        self._done: deque[str] = deque(maxlen=_REMEMBERED)
-        self._quiet = QuietLog(log)
-        self._audit = QuietLog(log, burst=_AUDITED)
+        self._commands = Commands("drift", DriftCommand, DriftReply, self._do, reply, self.publish)
         self._save_error: str | None = None
         self.saves = 0
-        self.commands = 0
 
     @property
     def stage(self) -> DriftStage | None:
@@ -155,39 +144,14 @@ class DriftKeeper:
             "error": self.error,
         }
 
-    def on_command(self, payload: bytes, *, retained: bool) -> None:
-        """A message on `drift/command`. Never raises; every command is answered."""
-        self.commands += 1
-        try:
-            self._obey(payload, retained=retained)
-        except Exception as error:
-            # a fault of ours: who gave the command must know that it was not done
-            self._quiet.say(logging.ERROR, type(error).__name__, "drift command failed: %r", error)
-            self._answer("", f"could not be done: {type(error).__name__}; see the log of the service", logged=True)
+    @property
+    def commands(self) -> int:
+        """Messages on `drift/command` so far."""
+        return self._commands.count
 
-    def _obey(self, payload: bytes, *, retained: bool) -> None:
-        if retained:
-            self._answer("", "is retained: it would be done again at every connect; publish it without that flag")
-            return
-        try:
-            command = parse_message(DriftCommand, payload, max_bytes=_LONGEST_COMMAND)
-        except InputError as error:
-            self._answer(text_member(payload, "id", LONGEST_ID), str(error))
-            return
-        if command.id in self._done:
-            self._answer(command.id, None)
-            return
-        try:
-            problem = self._do(command)
-        except Exception as error:
-            self._quiet.say(logging.ERROR, type(error).__name__, "drift: %s failed: %r", command.command, error)
-            self._answer(command.id, f"{command.command} failed ({type(error).__name__}): see the service's log")
-            return
-        if problem is None:
-            self._done.append(command.id)
-            self._audit.say(logging.INFO, command.command, "drift: %s done (%s)", command.command, command.id)
-        self._answer(command.id, problem)
-        self.publish()
+    def on_command(self, payload: bytes, retained: bool) -> None:
+        """A message on `drift/command`. Never raises; every command is answered."""
+        self._commands.on_command(payload, retained=retained)
 
     def _do(self, command: DriftCommand) -> str | None:
         stage = self.stage
@@ -204,21 +168,8 @@ class DriftKeeper:
             return stage.connection(command.seconds)
         return stage.restart()
 
-    def _answer(self, of: str, problem: str | None, *, logged: bool = False) -> None:
-        if problem is not None:
-            problem = _bounded(problem, _LONGEST_ERROR)
-            if not logged:
-                self._quiet.say(logging.WARNING, "refused", "drift command refused: %s", problem)
-        reply = DriftReply(id=_bounded(of, LONGEST_ID), t=round(time.time(), 6), ok=problem is None, error=problem)
-        self._reply(reply.model_dump_json().encode(), problem is None)
-
 
 def _stage(settings: Settings, saved: saved_drift.SavedDrift | None, *, first_start: bool) -> DriftStage:
     return DriftStage(
         settings.drift, settings.site.latitude_deg, saved, loaded_mono=time.monotonic(), first_start=first_start
     )
-
-
-def _bounded(text: str, longest: int) -> str:
-    """What can be said in JSON, whatever it holds: no lone surrogates, and no more than `longest` characters."""
-    return text[:longest].encode("utf-8", "backslashreplace").decode()[:longest]

@@ -18,6 +18,7 @@ from highside.service.recorder import Recorder
 from highside.service.recorder_stats import RecorderState
 from highside.service.rig.rig import Rig
 from highside.service.starts import StartLog
+from highside.service.watch_keeper import WatchKeeper
 from highside.version import __version__
 
 
@@ -33,13 +34,14 @@ class Health:
         recorder: Recorder,
         rig: Rig,
         drift: DriftKeeper,
+        watch: WatchKeeper,
         damage: DamageLog,
         starts: StartLog,
         steps: StepWatch,
         lag: LoopLag,
     ) -> None:
         self._parts, self._reloaded = parts, reloaded
-        self._outbox, self._recorder, self._rig, self._drift = outbox, recorder, rig, drift
+        self._outbox, self._recorder, self._rig, self._drift, self._watch = outbox, recorder, rig, drift, watch
         self._damage, self._starts, self._steps, self._lag = damage, starts, steps, lag
         self._started_mono = time.monotonic()
         self._dropping, self._unanswered = Dropping(), Growing(UNANSWERED_STANDS_S)
@@ -86,6 +88,7 @@ class Health:
             rotation=_rotation(parts),
             rebalance=_rebalance(parts),
             drift=self._drift.health(),
+            watch=self._watch.health(),
             reload=reloaded,
             starts=self._starts.as_dict(),
             damaged=damaged,
@@ -115,6 +118,7 @@ class Health:
             "frozen": pipeline.monitor.frozen,
             **dict.fromkeys(self._rig.alarms(), True),
             "drift_state": bool(self._drift.error),
+            **dict.fromkeys(self._watch.alarms(), True),
             "damaged_file": bool(self._damage.as_list()),
             "restarting": self._starts.alarm,
         }

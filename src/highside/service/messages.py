@@ -13,22 +13,21 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, model_validator
+from pydantic import BaseModel, Field, TypeAdapter, model_validator
 
 from highside.reading import parse_json
 from highside.service.alarms import ALARMS
+from highside.service.message_base import CommandMessage, CommandReply, Payload
 from highside.service.outbox_memory import Count, OutboxStats
 from highside.service.payload import Written, writer
 from highside.service.saved_drift import HeadingAlignment
+from highside.service.watch_messages import WatchCommand, WatchMessage, WatchReply
 
 if TYPE_CHECKING:
     from highside.service.outputs import AttitudeOutput, Survey
 
 ONLINE = b"online"
 OFFLINE = b"offline"
-
-LONGEST_ID = 64
-"""Characters of a command's id."""
 
 _FRESH_END = b'"historical":false}'
 _HISTORICAL_END = b'"historical":true}'
@@ -39,11 +38,7 @@ AzimuthSource = Literal[
 ]
 
 
-class _Payload(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-
-class _Reading(_Payload):
+class _Reading(Payload):
     seq: Count = Field(description="Counts the messages of this topic; goes on after a restart; a gap is a loss.")
     t: Annotated[float, TIME] = Field(description="UTC, seconds since 1970, by the clock of the host.")
     t_mono: Annotated[float, TIME] = Field(
@@ -129,7 +124,7 @@ class SurveyMessage(_Reading):
     historical: bool = Field(description="Sent late, after an outage.")
 
 
-class LatestMessage(_Payload):
+class LatestMessage(Payload):
     """`<prefix>/<tool>/latest` (with `[home_assistant]`): the newest attitude, once a second while there is one.
 
     For who shows values and keeps none: not retained, not stored, late never. The stream is `attitude`.
@@ -147,7 +142,7 @@ class LatestMessage(_Payload):
     temp_c: float | None
 
 
-class BrokerHealth(_Payload):
+class BrokerHealth(Payload):
     """The connection to the broker."""
 
     connected: bool
@@ -162,7 +157,7 @@ class BrokerHealth(_Payload):
     commands_failed: Count = Field(default=0, description="Messages to us that ended in a fault of the program.")
 
 
-class HealthMessage(_Payload):
+class HealthMessage(Payload):
     """`<prefix>/<tool>/health` (retained): counters that balance, and alarms."""
 
     t: float
@@ -192,6 +187,9 @@ class HealthMessage(_Payload):
     )
     rebalance: dict[str, Any] = Field(description="Cross-axis offset of this power-up, and whether it is taken off.")
     drift: dict[str, Any] | None = Field(default=None, description="How the azimuth's state is kept; null: no stage.")
+    watch: dict[str, Any] | None = Field(
+        default=None, description="The watch of the calibration in short, and how its state is kept; null: no watch."
+    )
     rotation: dict[str, Any] | None = Field(
         default=None,
         description="Rotor-angle compensation: `comp_id`, its channels, those `unused` (roll and pitch of a vehicle),"
@@ -217,7 +215,7 @@ class HealthMessage(_Payload):
     )
 
 
-class LiteralAzimuth(_Payload):
+class LiteralAzimuth(Payload):
     """The literal algorithm of the gravity-quaternion paper on the same readings, for comparison."""
 
     policy: Literal["gyro", "prev", "hold"]
@@ -225,7 +223,7 @@ class LiteralAzimuth(_Payload):
     bias_dph: list[float] = Field(description="Its drift estimate, tool frame, deg/h.")
 
 
-class RecursiveAzimuth(_Payload):
+class RecursiveAzimuth(Payload):
     """The light filter with one gain for all directions, on the same readings, for comparison."""
 
     azi_deg: float | None
@@ -233,7 +231,7 @@ class RecursiveAzimuth(_Payload):
     bias_dph: list[float] = Field(description="Its gyro biases, tool frame, deg/h.")
 
 
-class DriftMessage(_Payload):
+class DriftMessage(Payload):
     """`<prefix>/<tool>/drift` (retained, tools with gyros): what the azimuth is and rests on, and the gyros' biases."""
 
     t: float
@@ -256,12 +254,9 @@ class DriftMessage(_Payload):
     notes: list[str]
 
 
-class DriftCommand(_Payload):
+class DriftCommand(CommandMessage):
     """`<prefix>/<tool>/drift/command` (to the service, not retained): heading alignment and reset."""
 
-    id: str = Field(
-        min_length=1, max_length=LONGEST_ID, description="Any; the reply carries it. Repeated: not done again."
-    )
     command: Literal["align", "reset_heading", "connection", "restart"] = Field(
         description="align: the azimuth is this. reset_heading: it is that of the alignment again (asserts a straight"
         " hole). connection: the tool stands for `seconds` (0: no more). restart: forget all, biases too."
@@ -287,13 +282,8 @@ class DriftCommand(_Payload):
         return self
 
 
-class DriftReply(_Payload):
+class DriftReply(CommandReply):
     """`<prefix>/<tool>/drift/reply`: whether a command was done."""
-
-    id: str = Field(description="That of the command; empty where it could not be read.")
-    t: float
-    ok: bool
-    error: str | None = Field(description="Why not, and what to do.")
 
 
 PAYLOADS: dict[str, type[BaseModel]] = {
@@ -304,6 +294,9 @@ PAYLOADS: dict[str, type[BaseModel]] = {
     "drift": DriftMessage,
     "drift/command": DriftCommand,
     "drift/reply": DriftReply,
+    "watch": WatchMessage,
+    "watch/command": WatchCommand,
+    "watch/reply": WatchReply,
 }
 """Model by last part of the topic; `status` is a word, `instance` two."""
 

@@ -23,8 +23,8 @@ from highside.service.outputs import AttitudeOutput, Survey
 from highside.service.pipeline import Pipeline
 from highside.service.places import ToolLock
 from highside.service.publisher import Publisher
-from highside.service.rig.rig import RigParts
-from highside.service.rig.toolface import ToolfaceOffset
+from highside.service.rig.rig import Rig, RigParts
+from highside.service.watch_keeper import WatchParts
 
 
 class LinkSink(Protocol):
@@ -62,6 +62,7 @@ class ServiceParts:
     tap: Tap
     supervisor: LinkSupervisor
     drift: DriftParts
+    watch: WatchParts
     rig: RigParts
     tool_lock: ToolLock | None = None
     """None before the service runs"""
@@ -91,11 +92,12 @@ def make_pipeline(
     calibration: CalibrationInForce,
     rotation: CompensationInForce,
     drift: DriftParts,
+    watch: WatchParts,
     *,
     emit: Callable[[AttitudeOutput | Survey], None],
-    offset: ToolfaceOffset | None,
+    rig: Rig,
 ) -> Pipeline:
-    """A pipeline whose counts begin anew; `offset` is that of the toolface, if one was set."""
+    """A pipeline whose counts begin anew; `rig` knows the offset of the toolface, if one was set."""
     pipeline = Pipeline(
         codec=GuardedCodec(codec, settings.codec.name),
         tool=settings.tool,
@@ -109,9 +111,10 @@ def make_pipeline(
         toolface=settings.toolface,
         drift=drift.stage,
         rotation=rotation.live,
+        watch=watch.stage,
     )
     pipeline.extra_flags = calibration.flags + rotation.flags
     pipeline.gravity = calibration.gravity(settings)
-    if offset is not None:
-        pipeline.toolface_offset_deg = offset.offset_deg
+    if rig.offset is not None:
+        pipeline.toolface_offset_deg = rig.offset.offset_deg
     return pipeline

@@ -31,11 +31,13 @@ from highside.config.settings import (
 from highside.link.base import Batch, Chunk
 from highside.rotation.live import ROTOR_UNKNOWN, LiveCompensation, RotorError, mean_error
 from highside.service.drift_stage import DriftStage
+from highside.service.hole_azimuth import hole_azimuth
 from highside.service.monitor import Monitor
-from highside.service.outputs import AttitudeOutput, Azimuth, Survey
+from highside.service.outputs import AttitudeOutput, Survey
 from highside.service.rig.shock import ShockMeter
 from highside.service.rig.surveys import Gravity, judge
 from highside.service.stillness import Cut, StillnessDetector
+from highside.service.watch_stage import DEPARTS, WatchStage
 from highside.service.window import (
     REBALANCE_BLOCK_S,
     NoiseEstimate,
@@ -74,11 +76,12 @@ class Pipeline:
         toolface: ToolfaceSettings | None = None,
         drift: DriftStage | None = None,
         rotation: LiveCompensation | None = None,
+        watch: WatchStage | None = None,
     ) -> None:
         self.codec = codec
         self._rotation = rotation
-        self.drift = drift
-        """the azimuth, for tools with gyros"""
+        self.drift, self.watch = drift, watch
+        """the azimuth, for tools with gyros; whether the calibration still holds"""
         self._correction = correction
         self._rebalance = rebalance
         self.rebalancer = RollingBias(rebalance)
@@ -151,6 +154,7 @@ class Pipeline:
         correction: Correction,
         rotation: LiveCompensation | None,
         drift: DriftStage | None,
+        watch: WatchStage | None,
     ) -> Pipeline:
         """A pipeline under new `settings` that goes on where this one, made under `before`, stands.
 
@@ -160,7 +164,7 @@ class Pipeline:
         self.process_held()
         new = copy.copy(self)
         new._held = []
-        new.drift = drift
+        new.drift, new.watch = drift, watch
         # the codec and its counters go on: not a byte is lost for a new limit
         new.monitor = copy.copy(self.monitor)
         new.monitor.apply(range_g=settings.monitor.range_g, stuck_frames=settings.monitor.stuck_frames)
@@ -219,6 +223,8 @@ class Pipeline:
         self.process_held()
         for frame in self.codec.flush():
             self.on_frame(frame)
+        if self.watch is not None:
+            self.watch.finish()
 
     def on_frame(self, frame: Frame) -> None:
         """Process one frame."""
@@ -256,8 +262,11 @@ class Pipeline:
         window.append(WindowReading(t, a, frame.temp_c, rotor))
         self._fresh += 1
         self._block.add(t, a, frame.temp_c)
-        if self.drift is not None and frame.gx is not None and frame.gy is not None and frame.gz is not None:
-            self.drift.add(frame.gx, frame.gy, frame.gz)
+        if frame.gx is not None and frame.gy is not None and frame.gz is not None:
+            if self.drift is not None:
+                self.drift.add(frame.gx, frame.gy, frame.gz)
+            if self.watch is not None:
+                self.watch.add(t, frame.gx, frame.gy, frame.gz)
         if self._block.t - self._block.start >= REBALANCE_BLOCK_S:
             self._close_block(frame)
         if self._due is None:
@@ -271,6 +280,8 @@ class Pipeline:
         t, mean, temp = block.take()
         corrected = knowing(self._correction, frame, self.codec.extra_columns).correct(mean, temp_c=temp)
         self.rebalancer.add(t, corrected.gx, corrected.gy, corrected.gz)
+        if self.watch is not None:
+            self.watch.close(t, frame.t_mono, corrected[:3], temp)
         if self.drift is not None:
             if self._rebalance.apply:
                 corrected = self._in_force(frame).correct(mean, temp_c=temp)
@@ -392,6 +403,8 @@ class Pipeline:
             result = attitude_with_std(gx, gy, gz, corrected.cov)
             inc, inc_std, tf, tf_std = result.inc_rad, result.inc_std_rad, result.tf_rad, result.tf_std_rad
             felt_inc = inc
+            if self.watch is not None and self.watch.exceeds((gx, gy, gz), inc_std, tf_std):
+                flags.append(DEPARTS)
             if self._rotation is not None:
                 inc, tf, own_inc, own_tf, doubts = self._rotation.apply(inc, tf, rotor)
                 inc_std, tf_std = math.hypot(inc_std, own_inc), math.hypot(tf_std, own_tf)
@@ -402,7 +415,7 @@ class Pipeline:
             if not low <= math.degrees(inc) <= 180.0 - low:
                 flags.append("low_inclination")
         flags.extend(self._reading_flags(g_total))
-        azimuth = None if self.drift is None else self._azimuth(self.drift, t, felt_inc)
+        azimuth = hole_azimuth(self.drift, self._rotation, self._gyro_rotor, t, felt_inc)
         if azimuth is not None:
             flags.extend(flag for flag in azimuth.flags if flag not in flags)
         return AttitudeOutput(
@@ -434,17 +447,3 @@ class Pipeline:
         yield from (f"stuck_{axis}" for axis in self.monitor.stuck_axes)
         if self.monitor.frozen:
             yield "frozen"
-
-    def _azimuth(self, drift: DriftStage, t: float, inc_rad: float) -> Azimuth | None:
-        """The azimuth, freed of the rotor's error where there is something to free."""
-        azimuth, rotation = drift.azimuth(t), self._rotation
-        if azimuth is None or azimuth.azi_deg is None or rotation is None or not rotation.corrects_heading:
-            return azimuth
-        error, own_std, doubts = rotation.heading(*self._gyro_rotor, inc_rad)
-        std = azimuth.azi_std_deg
-        return Azimuth(
-            (azimuth.azi_deg - math.degrees(error)) % 360.0,
-            None if std is None else math.hypot(std, math.degrees(own_std)),
-            azimuth.basis,
-            azimuth.flags + doubts,
-        )

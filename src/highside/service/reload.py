@@ -42,6 +42,7 @@ from highside.service.places import ToolLock
 from highside.service.publisher import Publisher
 from highside.service.rig.metrics import MetricsServer
 from highside.service.rig.rig import Rig, run_outputs
+from highside.service.watch_keeper import WatchKeeper, WatchParts
 
 log = logging.getLogger("highside")
 
@@ -58,6 +59,7 @@ class Reloadable(Protocol):
     notifier: Notifier
     rig: Rig
     drift: DriftKeeper
+    watch: WatchKeeper
 
     @property
     def settings(self) -> Settings: ...
@@ -69,6 +71,7 @@ class Reloadable(Protocol):
         calibration: CalibrationInForce,
         rotation: CompensationInForce,
         drift: DriftParts,
+        watch: WatchParts,
     ) -> Pipeline: ...
 
     def make_publisher(self, settings: Settings) -> Publisher: ...
@@ -178,6 +181,7 @@ class Reload:
         service, old, new = self._service, self._old, read.settings
         before = old.settings
         drift = service.drift.build(new, old.drift)
+        watch = service.watch.build(new, read.calibration, old.watch)
         rig = service.rig.build(new, old.rig)
         parts = replace(
             old,
@@ -185,11 +189,12 @@ class Reload:
             calibration=read.calibration,
             rotation=read.rotation,
             drift=drift,
+            watch=watch,
             rig=replace(rig, metrics=old.rig.metrics if new.metrics == before.metrics else opened.metrics),
             tool_lock=opened.tool_lock or old.tool_lock,
         )
         if read.codec is not None:
-            pipeline = service.make_pipeline(new, read.codec, read.calibration, read.rotation, drift)
+            pipeline = service.make_pipeline(new, read.codec, read.calibration, read.rotation, drift, watch)
         else:
             pipeline = old.pipeline.successor(
                 before,
@@ -197,6 +202,7 @@ class Reload:
                 correction=read.calibration.correction,
                 rotation=read.rotation.live,
                 drift=drift.stage,
+                watch=watch.stage,
             )
             pipeline.extra_flags = parts.flags
             pipeline.gravity = read.calibration.gravity(new)

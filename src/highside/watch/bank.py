@@ -11,6 +11,7 @@ log-likelihood ratio at the best size `score / information`. A drift adds `direc
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -165,6 +166,38 @@ class Bank:
         self._information += np.einsum("mc,mc->c", signature, signature)
         self._score += update.innovations @ signature
         self._D -= update.gain @ seen
+
+    def memory(self) -> dict[str, Array]:
+        """All it has gathered, in numbers: for `recall`."""
+        return {
+            "D": self._D.copy(),
+            "ramp": self._ramp.copy(),
+            "of": self._of.astype(float),
+            "since": self._since.copy(),
+            "information": self._information.copy(),
+            "score": self._score.copy(),
+        }
+
+    def recall(self, memory: Mapping[str, Array]) -> None:
+        """Go on from a `memory`. Raises ValueError for one that is none of this bank's."""
+        of = memory["of"].astype(np.intp)
+        width, first = self._new_of.size, self._first
+        count = of.size
+        shapes = {"D": (SIZE, count), "ramp": (SIZE, first), "of": (count,)}
+        shapes |= dict.fromkeys(("since", "information", "score"), (count,))
+        if any(memory[name].shape != shape for name, shape in shapes.items()):
+            raise ValueError("columns that do not fit one another")
+        onsets, rest = divmod(count - first, width)
+        expected = np.concatenate([self._of[:first], np.tile(self._new_of, max(onsets, 0))])
+        if count < first or rest or not np.array_equal(of, expected):
+            raise ValueError("columns of other hypotheses")
+        if not np.all(memory["information"] >= 0.0):
+            raise ValueError("information below zero")
+        self._of = of
+        self._D, self._ramp = memory["D"].copy(), memory["ramp"].copy()
+        self._since = memory["since"].copy()
+        self._information, self._score = memory["information"].copy(), memory["score"].copy()
+        self.begun = onsets > 0
 
     def best(self) -> list[Scored]:
         """Of each hypothesis its best onset, the likeliest first. One that needs a size beyond reason is left out."""

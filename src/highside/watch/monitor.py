@@ -15,7 +15,8 @@ import numpy as np
 from highside.arrays import Array
 from highside.watch.bank import Bank, Filter, Scored
 from highside.watch.measurement import Linear, Still, Surroundings, Turning, linear_still, linear_turning
-from highside.watch.parameters import CALIBRATION, GROWTH, NAMES, SIZE, UNITS, Prior
+from highside.watch.memory import TRACE_WIDTH, WatchMemory, checked
+from highside.watch.parameters import CALIBRATION, GROWTH, KT, NAMES, SIZE, UNITS, B, Prior
 from highside.watch.policy import POLICY, StatedNoise, WatchPolicy
 from highside.watch.present import error_of, std_of
 from highside.watch.result import (
@@ -58,7 +59,8 @@ class Watch:
         self._at_rest = False
         self._counts = {"stills": 0, "turns": 0}
         self._left_out: dict[str, int] = {}
-        self._trace: list[tuple[float, Array, Array, float, float]] = []
+        self._warmer_c = 0.0
+        self._trace: deque[tuple[float, Array, Array, float, float]] = deque(maxlen=policy.most_traced)
         self._beyond: list[tuple[float, float]] = []
 
     def still(self, still: Still) -> None:
@@ -82,8 +84,16 @@ class Watch:
         if abs(excess_g) <= self._policy.largest:
             return False
         self.leave_out("length is not that of gravity")
-        self._beyond.append((t_s, excess_g))
+        if len(self._beyond) < self._policy.most_beyond:
+            self._beyond.append((t_s, excess_g))
         return True
+
+    def power_up(self) -> None:
+        """The tool was switched off and on: its offsets may repeat no better than is stated."""
+        noise = self._noise
+        repeat = np.array([noise.repeat_g**2] * 3 + [noise.repeat**2] * 9)
+        for one in (self._filter, self._alone):
+            one.covariance[range(CALIBRATION), range(CALIBRATION)] += repeat
 
     def leave_out(self, reason: str) -> None:
         """Count something that was not used."""
@@ -97,6 +107,60 @@ class Watch:
     def alarm_s(self) -> float | None:
         """When a departure was first said; None: never."""
         return self._alarm_s
+
+    def memory(self) -> WatchMemory:
+        """All it knows, for `recall`."""
+        trace = [np.concatenate([[t], value, std, [inc, evidence]]) for t, value, std, inc, evidence in self._trace]
+        arrays = {
+            "state": self._filter.state.copy(),
+            "covariance": self._filter.covariance.copy(),
+            "alone_state": self._alone.state.copy(),
+            "alone_covariance": self._alone.covariance.copy(),
+            "squares": np.array(self._squares, dtype=float),
+            "f": np.zeros(0) if self._f is None else np.array(self._f, dtype=float),
+            "beyond": np.array(self._beyond, dtype=float).reshape(-1, 2),
+            "trace": np.array(trace, dtype=float).reshape(-1, TRACE_WIDTH),
+        }
+        arrays |= {f"bank_{name}": values for name, values in self._bank.memory().items()}
+        return WatchMemory(
+            arrays,
+            start_s=self._start_s,
+            last_s=self._last_s,
+            onset_s=self._onset_s if np.isfinite(self._onset_s) else None,
+            depth_km=self._depth_km,
+            ref_c=self._ref_c,
+            warmer_c=self._warmer_c,
+            alarm_s=self._alarm_s,
+            at_rest=self._at_rest,
+            stills=self._counts["stills"],
+            turns=self._counts["turns"],
+            left_out=dict(self._left_out),
+        )
+
+    def recall(self, memory: WatchMemory) -> None:
+        """Go on from a memory under the same record. Raises ValueError or KeyError for one that is none."""
+        arrays = memory.arrays
+        checked(arrays)
+        if memory.start_s is not None and memory.start_s > memory.last_s:
+            raise ValueError("it ends before it begins")
+        self._bank.recall(
+            {name.removeprefix("bank_"): values for name, values in arrays.items() if name.startswith("bank_")}
+        )
+        self._filter.state, self._filter.covariance = arrays["state"].copy(), arrays["covariance"].copy()
+        self._alone.state, self._alone.covariance = arrays["alone_state"].copy(), arrays["alone_covariance"].copy()
+        self._squares.extend(arrays["squares"].tolist())
+        self._f = arrays["f"].copy() if arrays["f"].size else None
+        self._beyond = [(float(t), float(excess)) for t, excess in arrays["beyond"]]
+        split = np.cumsum([1, CALIBRATION, CALIBRATION, 1])
+        for row in arrays["trace"]:
+            t, value, std, inclination, evidence = np.split(row, split)
+            self._trace.append((float(t[0]), value, std, float(inclination[0]), float(evidence[0])))
+        self._start_s, self._last_s, self._depth_km = memory.start_s, memory.last_s, memory.depth_km
+        self._onset_s = -np.inf if memory.onset_s is None else memory.onset_s
+        self._ref_c, self._warmer_c = memory.ref_c, memory.warmer_c
+        self._alarm_s, self._at_rest = memory.alarm_s, memory.at_rest
+        self._counts = {"stills": memory.stills, "turns": memory.turns}
+        self._left_out = dict(memory.left_out)
 
     @property
     def _noise(self) -> StatedNoise:
@@ -135,7 +199,7 @@ class Watch:
     def _surroundings(self, t_s: float, temp_c: float | None, depth_km: float | None) -> Surroundings:
         if temp_c is not None and self._ref_c is None:
             self._ref_c = temp_c
-        warmer = 0.0 if temp_c is None or self._ref_c is None else temp_c - self._ref_c
+        warmer = self._warmer_c = 0.0 if temp_c is None or self._ref_c is None else temp_c - self._ref_c
         assert self._start_s is not None
         if depth_km is None:
             return Surroundings(warmer, (t_s - self._start_s) / HOUR_S, 0.0)
@@ -187,6 +251,8 @@ class Watch:
             threshold=self._policy.threshold * self._grown() ** 2,
             duration_s=0.0 if self._start_s is None else self._last_s - self._start_s,
             counts=Counts(self._counts["stills"], self._counts["turns"], dict(self._left_out)),
+            covariance=self._believed()[1][:CALIBRATION, :CALIBRATION].copy(),
+            departure=self._departure(),
             trace=self._traced(),
         )
 
@@ -261,7 +327,16 @@ class Watch:
     def _deviation_of(self, scored: Scored) -> Array:
         """(N,) what the hypothesis says of the state now."""
         grown = (self._last_s - scored.since_s) / HOUR_S if scored.hypothesis.drifts else 1.0
-        return np.array(scored.hypothesis.direction) * scored.size * grown
+        deviation = np.array(scored.hypothesis.direction) * scored.size * grown
+        # a coefficient of temperature is an offset at the present one
+        deviation[B : B + 3] += deviation[KT : KT + 3] * self._warmer_c
+        return deviation
+
+    def _departure(self) -> Array:
+        """(12,) of the calibration's parameters, by the likeliest departure."""
+        if self._alarm_s is None:
+            return np.zeros(CALIBRATION)
+        return self._deviation_of(self._bank.best()[0])[:CALIBRATION]
 
     def _traced(self) -> Trace:
         t, value, std, inclination, evidence = zip(*self._trace, strict=True) if self._trace else ((),) * 5

@@ -82,6 +82,10 @@ class WatchPolicy:
     """innovations below which it is not judged"""
     grown: float = 1.5
     """ratio of the innovations' standard deviation to the stated one from which `noise_grown` is said"""
+    most_traced: int = 20_000
+    """measurements whose trace is kept for a picture (two months of five an hour); then the oldest leaves"""
+    most_beyond: int = 1000
+    """readings kept that are not gravity's"""
     pull_deg: float = 1.0
     """error of inclination, or of toolface times sin I, from which the advice is to pull the tool: the tolerance of
     most well plans"""

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
+import numpy as np
+
 from highside.arrays import Array
 
 SCHEMA = "highside.watch/1"
@@ -119,11 +121,16 @@ class WatchResult:
     threshold: float
     duration_s: float
     counts: Counts
+    covariance: Array
+    """(12, 12) of the calibration's parameters as they stand in `parameters`: g^2, g and none, row by row"""
+    departure: Array
+    """(12,) what the likeliest departure says of them now; zero where none is said. Not in the JSON"""
     trace: Trace
 
     def to_dict(self) -> dict[str, Any]:
         """What goes into `watch.json`."""
-        plain = {name: getattr(self, name) for name in self.__dataclass_fields__ if name != "trace"}
+        inside = {"trace", "departure"}
+        plain = {name: getattr(self, name) for name in self.__dataclass_fields__ if name not in inside}
         return {"schema": SCHEMA, **{name: _plain(value) for name, value in plain.items()}}
 
 
@@ -132,6 +139,8 @@ def _plain(value: Any) -> Any:
         return {key: _plain(item) for key, item in asdict(value).items()}
     if isinstance(value, dict):
         return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray):
+        return value.tolist()
     if isinstance(value, list | tuple):
         return [_plain(item) for item in value]
     return value

@@ -6,7 +6,7 @@ turned; rotation needs gyros. What is neither, or too short, says nothing.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -19,7 +19,7 @@ from highside.watch.measurement import Still, Turning
 from highside.watch.monitor import Watch
 from highside.watch.turning import TURNING, Left, TurningRows, fit_turning
 
-__all__ = ["Rows", "feed"]
+__all__ = ["REST", "Rows", "feed", "stills", "turnings"]
 
 Indices = NDArray[np.intp]
 
@@ -35,6 +35,9 @@ class RestPolicy:
     """without rows, that ends a rest or a window"""
     rate_dps: float = 1.5
     """mean rate from which a tool does not lie still; below it may be a bias of the gyro"""
+    rows: float = 10.0
+    """in a window in which stillness is judged, at least: the scatter of five falls out of its limits by chance, and
+    breaks rests of 10 rows a second"""
     batches: int = 16
     """of a rest, whose scatter says how well its mean is known where its noise is coloured"""
 
@@ -54,6 +57,8 @@ class Rows:
     temp_c: Array | None = None
     depth_m: Array | None = None
     vibration_g: Array | None = None
+    span_s: Array | None = None
+    """of rows that are means themselves: `turning.mean_span`"""
     left_out: list[str] = field(default_factory=list)
 
     def mean_of(self, values: Array | None, rows: Indices) -> float | None:
@@ -72,12 +77,12 @@ class Rows:
 
 def feed(watch: Watch, rows: Rows) -> None:
     """Give a watch all that a recording has to say, in the order of time. Raises InputError for too few rows."""
-    turning = list(_turnings(rows))
+    turning = list(turnings(rows))
     found: list[Still | Turning] = [one for one in turning if isinstance(one, Turning)]
     for left in turning:
         if isinstance(left, Left):
             watch.leave_out(left.reason)
-    found += list(_stills(rows, watch))
+    found += list(stills(rows, watch.leave_out))
     for one in sorted(found, key=lambda one: one.t_s):
         if isinstance(one, Still):
             watch.still(one)
@@ -85,18 +90,19 @@ def feed(watch: Watch, rows: Rows) -> None:
             watch.turning(one)
 
 
-def _stills(rows: Rows, watch: Watch) -> Iterator[Still]:
+def stills(rows: Rows, leave_out: Callable[[str], None]) -> Iterator[Still]:
+    """The means at rest; `leave_out` is told why something that looked like rest is none."""
     step = float(np.median(np.diff(rows.t_s)))
     try:
-        intervals = find_still_intervals(rows.c, 1.0 / step, min_s=REST.shortest_s, window_s=max(0.5, 5.0 * step))
+        intervals = find_still_intervals(rows.c, 1.0 / step, min_s=REST.shortest_s, window_s=max(0.5, REST.rows * step))
     except InputError:
         return
     for interval in intervals:
         for piece in _pieces(rows.t_s, interval.rows(), REST.longest_s):
             if rows.t_s[piece[-1]] - rows.t_s[piece[0]] < REST.shortest_s - step:
-                watch.leave_out("rest too short")
+                leave_out("rest too short")
             elif rows.rate_radps is not None and _turns(rows.rate_radps[:, piece]):
-                watch.leave_out("rest in which the gyros turn")
+                leave_out("rest in which the gyros turn")
             else:
                 yield _still(rows, piece)
 
@@ -122,7 +128,8 @@ def _still(rows: Rows, piece: Indices) -> Still:
     )
 
 
-def _turnings(rows: Rows) -> Iterator[Turning | Left]:
+def turnings(rows: Rows) -> Iterator[Turning | Left]:
+    """The windows of rotation; nothing without gyros."""
     if rows.rate_radps is None:
         return
     rate = rows.rate_radps[2]
@@ -147,6 +154,7 @@ def _turnings(rows: Rows) -> Iterator[Turning | Left]:
                 rows.mean_of(rows.temp_c, piece),
                 rows.depth_km(piece),
                 0.0 if vibration is None else vibration,
+                None if rows.span_s is None else rows.span_s[piece],
             )
         )
 

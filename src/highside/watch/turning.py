@@ -57,6 +57,14 @@ class TurningRows:
     temp_c: float | None = None
     depth_km: float | None = None
     vibration_g: float = 0.0
+    span_s: Array | None = None
+    """(K,) of readings that are means themselves: over how long, as `mean_span` has it; None: they are not"""
+
+
+def mean_span(first_s: float, last_s: float, n: int) -> float:
+    """Length, s, of the continuous mean that dampens a rotation as much as a mean of `n` readings from `first_s` to
+    `last_s` does: `dt sqrt(n^2 - 1)`, to fourth order in the angle between two of them."""
+    return (last_s - first_s) * float(np.sqrt((n + 1) / (n - 1))) if n > 1 else 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +89,9 @@ def fit_turning(rows: TurningRows) -> Turning | Left:
         return Left("gyro and accelerometers disagree about the turn")
     phase = phase + bent
     rate2, acceleration = rows.rate_radps**2, np.gradient(rows.rate_radps, t)
-    X = np.column_stack([np.ones_like(t), np.cos(phase), np.sin(phase)])
+    # a mean over a part of the turn is shorter than what it is of: 0.6 mg/g for 10 ms at 120 rpm
+    left = 1.0 if rows.span_s is None else np.sinc(rows.rate_radps * rows.span_s / (2.0 * np.pi))
+    X = np.column_stack([np.ones_like(t), left * np.cos(phase), left * np.sin(phase)])
     beside = np.column_stack([rate2 - rate2.mean(), acceleration - acceleration.mean()])
     M, covariance, arms = np.empty((3, 3)), np.zeros((9, 9)), []
     for axis in range(3):

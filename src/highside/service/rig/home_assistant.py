@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
 from highside.config.mqtt import MqttSettings
@@ -63,6 +65,29 @@ def _shown(sensor: Sensor) -> dict[str, Any]:
     return shown | {key: value for key, value in optional.items() if value is not None}
 
 
+def _binary_sensors(add: Callable[[str, str, str, str, str], dict[str, Any]], topic: Callable[[str], str]) -> None:
+    """What is on or off: `add` as in `discovery`, `topic` of a name."""
+    accepted = "{{ 'ON' if value_json.accepted else 'OFF' }}"
+    add("survey_accepted", "Survey accepted", "survey", "binary_sensor", accepted).update(
+        icon="mdi:check-decagram",
+        json_attributes_topic=topic("survey"),
+        json_attributes_template="{{ {'reasons': value_json.reasons} | tojson }}",
+    )
+    departs = "{{ 'ON' if value_json.verdict == 'departs' else 'OFF' }}"
+    add("calibration_departs", "Calibration departs", "watch", "binary_sensor", departs).update(
+        device_class="problem",
+        json_attributes_topic=topic("watch"),
+        json_attributes_template="{{ {'verdict': value_json.verdict, 'advice': value_json.advice,"
+        " 'class': value_json.claims | map(attribute='equivalence_class') | list} | tojson }}",
+    )
+    alarms = "{{ 'ON' if value_json.alarms else 'OFF' }}"
+    add("problem", "Alarm", "health", "binary_sensor", alarms).update(
+        device_class="problem",
+        json_attributes_topic=topic("health"),
+        json_attributes_template="{{ {'alarms': value_json.alarms} | tojson }}",
+    )
+
+
 def discovery(
     tool_id: str,
     serial: str | None,
@@ -95,18 +120,7 @@ def discovery(
     for sensor in SENSORS:
         found = add(sensor.key, sensor.name, sensor.topic, "sensor", f"{{{{ value_json.{sensor.member} }}}}")
         found |= _shown(sensor)
-    accepted = "{{ 'ON' if value_json.accepted else 'OFF' }}"
-    add("survey_accepted", "Survey accepted", "survey", "binary_sensor", accepted).update(
-        icon="mdi:check-decagram",
-        json_attributes_topic=mqtt.topic(tool_id, "survey"),
-        json_attributes_template="{{ {'reasons': value_json.reasons} | tojson }}",
-    )
-    alarms = "{{ 'ON' if value_json.alarms else 'OFF' }}"
-    add("problem", "Alarm", "health", "binary_sensor", alarms).update(
-        device_class="problem",
-        json_attributes_topic=mqtt.topic(tool_id, "health"),
-        json_attributes_template="{{ {'alarms': value_json.alarms} | tojson }}",
-    )
+    _binary_sensors(add, partial(mqtt.topic, tool_id))
     device: dict[str, object] = {"identifiers": [unique], "name": f"Tool {tool_id}", "sw_version": __version__}
     if serial is not None:
         device["serial_number"] = serial

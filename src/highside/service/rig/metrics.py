@@ -163,6 +163,7 @@ def metrics_of(figures: Scrape) -> Iterator[Metric]:
         yield of.gauge(name, text, figures.attitude.get(name))
     yield from _acquisition(of, health)
     yield from _vibration(of, health)
+    yield from _watch(of, health)
     yield from _delivery(of, health)
     yield of.gauge(
         "loop_lag_p999_seconds", "Stalls of the event loop, 99.9 %.", health.loop.get("lag_p999_ms", 0.0) / 1e3
@@ -229,6 +230,33 @@ def _vibration(of: _Families, health: HealthMessage) -> Iterator[Metric]:
             for axis in "xyz"
             for level, count in zip(health.vibration["shock_levels_g"], health.vibration["shocks"][axis], strict=True)
         ],
+    )
+
+
+def _watch(of: _Families, health: HealthMessage) -> Iterator[Metric]:
+    """Whether the calibration still holds."""
+    watch = health.watch or {}
+    verdict = watch.get("verdict")
+    if verdict is None:
+        return
+    yield of.gauges(
+        "watch_verdict",
+        "1 for what the watch of the calibration says.",
+        [({"verdict": name}, float(name == verdict)) for name in ("learning", "holds", "departs")],
+    )
+    for name, member, text in (
+        ("watch_deviation", "deviation", "Deviation of a parameter from the calibration in force, in its own unit."),
+        ("watch_deviation_std", "std", "Its standard deviation."),
+    ):
+        yield of.gauges(name, text, [({"parameter": key}, value) for key, value in watch[member].items()])
+    yield of.gauge("watch_inc_error_deg", "What departs does to inclination now.", watch["inc_error_deg"])
+    yield of.gauge(
+        "watch_tf_sin_inc_error_deg",
+        "What departs does to toolface times the sine of the inclination now.",
+        watch["tf_sin_inc_error_deg"],
+    )
+    yield of.counters(
+        "watch_measurements_total", "What the watch has used.", "kind", _numbers(watch, ("stills", "turns", "dropped"))
     )
 
 

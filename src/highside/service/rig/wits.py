@@ -41,6 +41,8 @@ class Latest:
     """monotonic"""
     attitude_t: float = 0.0
     """UTC epoch seconds"""
+    watch: dict[str, float | None] = field(default_factory=dict)
+    """the same of the watch; it stands until it says something else"""
     survey: dict[str, float | None] = field(default_factory=dict)
     survey_t: float = 0.0
     depth: str | None = None
@@ -53,6 +55,11 @@ def record(items: tuple[WitsItem, ...], latest: Latest, now_s: float, stale_afte
     found: list[tuple[str, str]] = []
     for item in items:
         from_survey = item.source == "survey"
+        if item.value in latest.watch:
+            value = latest.watch[item.value]
+            if value is not None:
+                found.append((item.code, f"{value:.{item.digits}f}"))
+            continue
         if not from_survey and not fresh:
             continue
         if item.value in ("date", "time"):

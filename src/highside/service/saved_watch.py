@@ -1,0 +1,126 @@
+"""What the watch keeps across a restart, as a file: one JSON object, replaced whole, checked when it is read.
+
+It belongs to one tool and one calibration record. Beside the state stands what is said, for
+`highside watch propose`. Arrays are written as base64 of little-endian doubles: a state taken up goes on exactly.
+"""
+
+from __future__ import annotations
+
+import binascii
+from base64 import b64decode, b64encode
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import Field, ValidationError
+
+from highside.arrays import Array
+from highside.errors import InputError, Refused
+from highside.reading import parse_json, read_bytes
+from highside.recording.files import write_whole
+from highside.service.saved_drift import Stamp
+from highside.service.strict import Strict
+from highside.watch.memory import LAYOUT, WatchMemory
+
+Count = Annotated[int, Field(ge=0)]
+
+
+class Numbers(Strict):
+    """An array of doubles."""
+
+    shape: list[Count]
+    data: str
+
+    @classmethod
+    def of(cls, values: Array) -> Numbers:
+        """As it is written."""
+        return cls(shape=list(values.shape), data=b64encode(values.astype("<f8").tobytes()).decode())
+
+    def values(self) -> Array:
+        """As it was. Raises ValueError."""
+        try:
+            found = np.frombuffer(b64decode(self.data, validate=True), dtype="<f8")
+        except binascii.Error as error:
+            raise ValueError(f"no base64: {error}") from None
+        return found.astype(np.float64).reshape(self.shape)
+
+
+class WatchFacts(Strict):
+    """The members of `WatchMemory` that are no arrays."""
+
+    start_s: float | None
+    last_s: float
+    onset_s: float | None
+    depth_km: float | None
+    ref_c: float | None
+    warmer_c: float
+    alarm_s: float | None
+    at_rest: bool
+    stills: Count
+    turns: Count
+    left_out: dict[str, Count]
+
+
+class SavedWatch(Strict):
+    """What a watch knew. Times in s of the watch."""
+
+    cal_id: str
+    layout: str
+    gravity: float
+    """in units of the corrected readings"""
+    t_s: float
+    t_device_s: float | None
+    calmest_g: float | None
+    calmest_s: float
+    acknowledged: list[str]
+    """the claims, by their key"""
+    facts: WatchFacts
+    arrays: dict[str, Numbers]
+    age_s: float | None = None
+
+    def memory(self) -> WatchMemory:
+        """For `Watch.recall`. Raises ValueError."""
+        if self.layout != LAYOUT:
+            raise ValueError("it is of another version, with other parameters")
+        return WatchMemory({name: one.values() for name, one in self.arrays.items()}, **self.facts.model_dump())
+
+
+def facts_of(memory: WatchMemory) -> WatchFacts:
+    """The part of a memory that is no array."""
+    return WatchFacts(
+        **{name: getattr(memory, name) for name in WatchFacts.model_fields if name != "left_out"},
+        left_out=dict(memory.left_out),
+    )
+
+
+class WatchFile(Strict):
+    """The file."""
+
+    format: Literal["highside.watch-state/1"] = "highside.watch-state/1"
+    tool: str
+    stamp: Stamp
+    said: dict[str, Any]
+    """as `watch.json` has it"""
+    state: SavedWatch
+
+
+def write(path: Path, tool: str, stamp: Stamp, said: dict[str, Any], state: SavedWatch) -> None:
+    """Replace the file. Raises InputError where it cannot be written."""
+    write_whole(path, WatchFile(tool=tool, stamp=stamp, said=said, state=state).model_dump_json().encode())
+
+
+def read(path: Path, tool: str, now: Stamp) -> SavedWatch | None:
+    """What is on disk, with its age; None where there is nothing. Raises Refused: damaged, or of another tool."""
+    if not path.exists():
+        return None
+    try:
+        file = WatchFile.model_validate(parse_json(read_bytes(path)))
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        field = ".".join(map(str, first["loc"]))
+        raise Refused(f"{path}: is no saved watch: {field}: {first['msg']}") from None
+    except InputError as error:
+        raise Refused(f"{path}: is no saved watch: {error.what}") from None
+    if file.tool != tool:
+        raise Refused(f"{path}: is of the tool {file.tool!r}")
+    return file.state.model_copy(update={"age_s": file.stamp.age_s(now)})

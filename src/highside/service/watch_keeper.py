@@ -1,0 +1,360 @@
+"""Around the watch: its sums in a thread, its state on disk, its commands, its retained message.
+
+The prior is the calibration record in force. Another record, or another gravity of the site, begins the watch anew and
+says so; other limits go on with what was seen.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from highside.config.settings import Settings
+from highside.errors import HighsideError, InputError
+from highside.service import saved_watch
+from highside.service.clock import clock_synced
+from highside.service.commands import Commands
+from highside.service.damage import DamageLog
+from highside.service.in_force import CalibrationInForce, error_text
+from highside.service.saved_drift import Stamp
+from highside.service.saved_watch import SavedWatch
+from highside.service.watch_messages import (
+    WatchCommand,
+    WatchDeparture,
+    WatchError,
+    WatchMessage,
+    WatchParameter,
+    WatchReply,
+)
+from highside.service.watch_stage import DEPARTS, Watched, WatchStage, claim_key
+from highside.watch.result import AttitudeError, WatchClaim
+
+log = logging.getLogger("highside")
+
+FILE = "watch.json"
+
+
+@dataclass(frozen=True, slots=True)
+class WatchParts:
+    """What the configuration and the calibration decide here; replaced as a whole by a reload."""
+
+    settings: Settings
+    stage: WatchStage | None
+    error: str | None = None
+    """why the state of before could not be used"""
+    why_not: str | None = None
+    """why there is no stage although it is switched on"""
+
+
+class WatchKeeper:
+    """Made with the service, `start` and `stop` with its loop. `in_force()` tells which parts are at work.
+
+    `reply(payload, done)` and `publish_state(payload)` publish on `watch/reply` and (retained) on `watch`.
+    """
+
+    def __init__(
+        self,
+        state_dir: Path,
+        reply: Callable[[bytes, bool], None],
+        publish_state: Callable[[bytes], None],
+        in_force: Callable[[], WatchParts],
+        damage: DamageLog,
+    ) -> None:
+        self._path = state_dir / FILE
+        self._publish_state, self._in_force, self._damage = publish_state, in_force, damage
+        self._commands = Commands("watch", WatchCommand, WatchReply, self._do, reply, self._changed)
+        self._task: asyncio.Task[None] | None = None
+        self._wake = asyncio.Event()
+        self._dirty = False
+        """something is known that is not on the disk"""
+        self._news = True
+        self.figures: dict[str, float | None] = {}
+        """for WITS: the newest, the same dict always"""
+        self._published_s = self._saved_s = 0.0
+        self._verdict = ""
+        self._save_error: str | None = None
+        self._fault: str | None = None
+        self.saves = 0
+
+    @property
+    def stage(self) -> WatchStage | None:
+        """The stage at work; None: switched off, or there is nothing to watch."""
+        return self._in_force().stage
+
+    @property
+    def error(self) -> str | None:
+        """Why the state cannot be kept, was not taken up and nothing has been kept since, or what failed."""
+        return self._fault or self._save_error or (None if self.saves else self._in_force().error)
+
+    # --- parts -------------------------------------------------------------------------------------------------
+
+    def build(
+        self, settings: Settings, calibration: CalibrationInForce, running: WatchParts | None = None
+    ) -> WatchParts:
+        """Parts for `settings` and the calibration in force; what the running stage knows of the same record goes on.
+        Never raises: a watch that cannot be made costs the watch alone."""
+        if not settings.watch.enabled or calibration.record is None:
+            return WatchParts(
+                settings, None, why_not=None if calibration.record else "no calibration record is in force"
+            )
+        gravity = calibration.gravity(settings)
+        of = Watched(calibration.record, gravity.expected, gravity.std_mg / gravity.unit_mg)
+        before = None if running is None else running.stage
+        if before is not None and running is not None:
+            if (before.of, running.settings.watch) == (of, settings.watch):
+                return WatchParts(settings, before, running.error)
+            if before.of == of:
+                carried = before.saved().model_copy(update={"age_s": 0.0})
+                return self._made(settings, of, carried, "went on under other limits")
+            changed = "the calibration" if before.cal_id != of.record.id else "the site's gravity"
+            return self._made(settings, of, None, f"began anew: {changed} is another one ({of.record.id[:12]})")
+        return self._load(settings, of)
+
+    def _load(self, settings: Settings, of: Watched) -> WatchParts:
+        try:
+            saved = saved_watch.read(self._path, settings.tool.id, Stamp.now(synced=clock_synced()))
+        except Exception as error:
+            # whatever is wrong with it, the readings are worth more
+            return self._damaged(settings, of, error)
+        if saved is None:
+            return self._made(settings, of, None, "began from the record")
+        if saved.cal_id != of.record.id:
+            why = f"began anew: the calibration is another one ({of.record.id[:12]}, before {saved.cal_id[:12]})"
+            return self._made(settings, of, None, why)
+        if saved.gravity != of.gravity:
+            return self._made(settings, of, None, "began anew: the site's gravity is another one")
+        age = "of unknown age" if saved.age_s is None else f"{saved.age_s:.1f} s old"
+        try:
+            return WatchParts(settings, self._stage(settings, of, saved, f"taken up again, {age}"))
+        except InputError as error:
+            return WatchParts(settings, None, why_not=error_text(error))
+        except Exception as error:
+            return self._damaged(settings, of, error)
+
+    def _damaged(self, settings: Settings, of: Watched, error: Exception) -> WatchParts:
+        text = self._damage.note(self._path, error, "the watch begins anew from the calibration record")
+        parts = self._made(settings, of, None, "began anew: what was kept is damaged")
+        return WatchParts(settings, parts.stage, text, parts.why_not)
+
+    def _made(self, settings: Settings, of: Watched, saved: SavedWatch | None, began: str) -> WatchParts:
+        try:
+            return WatchParts(settings, self._stage(settings, of, saved, began))
+        except InputError as error:
+            return WatchParts(settings, None, why_not=error_text(error))
+
+    def _stage(self, settings: Settings, of: Watched, saved: SavedWatch | None, began: str) -> WatchStage:
+        return WatchStage(
+            settings.watch, of, saved, loaded_mono=time.monotonic(), began=began, on_stretch=self._wake.set
+        )
+
+    # --- running -----------------------------------------------------------------------------------------------
+
+    def start(self) -> None:
+        """In the event loop."""
+        self._say_what_began()
+        self.publish()
+        self._task = asyncio.create_task(self._run(), name="watch")
+
+    def took_over(self) -> None:
+        """Other parts are in force."""
+        self._say_what_began()
+        self._changed()
+
+    def _say_what_began(self) -> None:
+        parts = self._in_force()
+        if parts.stage is not None:
+            log.info("watch: %s", parts.stage.began)
+        elif parts.why_not is not None and parts.settings.watch.enabled:
+            log.info("watch: none, %s", parts.why_not)
+
+    async def stop(self) -> None:
+        """Use what was collected, and keep the last state."""
+        if self._task is not None:
+            self._task.cancel()
+            await asyncio.gather(self._task, return_exceptions=True)
+        if (stage := self.stage) is not None:
+            stage.finish()
+            await self._work(stage)
+            await self._save()
+        self._news = True
+        self.publish()
+
+    def _changed(self) -> None:
+        self._dirty = self._news = True
+        self._wake.set()
+
+    async def _run(self) -> None:
+        while True:
+            settings = self._in_force().settings.watch
+            # `interval_s` also bounds how late a change is published that came soon after another
+            with_timeout = min(settings.interval_s, settings.save_interval_s)
+            try:
+                async with asyncio.timeout(with_timeout):
+                    await self._wake.wait()
+            except TimeoutError:
+                pass
+            self._wake.clear()
+            if (stage := self.stage) is not None:
+                await self._work(stage)
+            now = time.monotonic()
+            if self._news and now - self._published_s >= settings.interval_s:
+                self.publish()
+            if self._dirty and now - self._saved_s >= settings.save_interval_s:
+                await self._save()
+
+    async def _work(self, stage: WatchStage) -> None:
+        """The sums of the stretches that wait, one after another."""
+        while stage.waiting:
+            stretch, core = stage.waiting.popleft(), stage.core
+            try:
+                said = await asyncio.to_thread(core.take, stretch)
+            except Exception as error:  # a defect here must not cost the readings
+                self._failed("a stretch could not be used", error)
+                continue
+            if stage.core is not core:  # it was told to begin again meanwhile
+                continue
+            stage.take_said(said)
+            self._dirty = self._news = True
+            if said.verdict != self._verdict:
+                self._verdict = said.verdict
+                level = logging.WARNING if said.verdict == "departs" else logging.INFO
+                log.log(level, "watch: %s; %s", said.verdict, said.advice[0])
+                self.publish()
+
+    def _failed(self, what: str, error: Exception) -> None:
+        if self._fault is None:
+            log.error("watch: %s", what, exc_info=error)
+        self._fault = error_text(error)
+
+    async def _save(self) -> None:
+        stage, tool = self.stage, self._in_force().settings.tool.id
+        if stage is None:
+            return
+        self._saved_s = time.monotonic()
+        self._dirty = False
+        stamp = Stamp.now(synced=clock_synced())
+
+        def keep() -> None:
+            saved_watch.write(self._path, tool, stamp, stage.said.to_dict(), stage.saved())
+
+        try:
+            await asyncio.to_thread(keep)
+        except HighsideError as error:
+            if self._save_error != str(error):
+                log.error("the watch cannot be kept for a restart: %s", error)
+            self._save_error = str(error)
+            self._dirty = True
+        else:
+            self.saves += 1
+            self._save_error = None
+
+    # --- messages ----------------------------------------------------------------------------------------------
+
+    def publish(self) -> None:
+        """The retained message, if there is something to say."""
+        if (stage := self.stage) is not None and self._news:
+            self._news = False
+            self._published_s = time.monotonic()
+            self.figures.update(stage.figures())
+            try:
+                self._publish_state(message(stage, time.time()).model_dump_json().encode())
+            except Exception as error:  # a defect here must not cost the readings
+                self._failed("what it says cannot be written", error)
+
+    def health(self) -> dict[str, Any] | None:
+        """Member `watch` of the health message."""
+        parts = self._in_force()
+        if parts.stage is None:
+            return None if parts.why_not is None else {"verdict": None, "why_not": parts.why_not}
+        return parts.stage.health() | {
+            "saves": self.saves,
+            "commands": self._commands.count,
+            "error": self.error,
+            "why_not": None,
+        }
+
+    def alarms(self) -> list[str]:
+        """Alarms of what is here."""
+        found = [DEPARTS] if self.stage is not None and self.stage.departs else []
+        return [*found, "watch_state"] if self.error else found
+
+    def on_command(self, payload: bytes, retained: bool) -> None:
+        """A message on `watch/command`. Never raises; every command is answered."""
+        self._commands.on_command(payload, retained=retained)
+
+    def _do(self, command: WatchCommand) -> str | None:
+        parts = self._in_force()
+        stage = parts.stage
+        if stage is None:
+            return f"nothing is watched: {parts.why_not or 'set watch.enabled = true'}"
+        if command.command == "acknowledge":
+            return stage.acknowledge()
+        stage.begin_again()
+        self._fault = None
+        return None
+
+
+def message(stage: WatchStage, now_s: float) -> WatchMessage:
+    """What `watch` says. `now_s`: UTC; times of the watch are taken back from there."""
+    said = stage.said
+
+    def utc(t_s: float) -> float:
+        return round(now_s - (stage.t_s - t_s), 3)
+
+    return WatchMessage(
+        t=round(now_s, 6),
+        verdict=said.verdict,
+        cal_id=stage.cal_id,
+        claims=[_departure(claim, stage, utc) for claim in said.claims],
+        parameters={
+            name: WatchParameter(
+                value=one.value, std=one.std, unit=one.unit, stated_std=one.stated_std, observable=one.observable
+            )
+            for name, one in said.parameters.items()
+        },
+        not_observable={one.parameter: one.why for one in said.not_observable},
+        advice=list(said.advice),
+        inclination_deg=said.inclination_deg,
+        toolface_deg=said.toolface_deg,
+        still_unseen=_error(said.still_unseen),
+        stated=_error(said.stated),
+        noise_grown=said.noise_grown,
+        noise_ratio=said.noise_ratio,
+        watched_s=said.duration_s,
+        stills=said.counts.stills,
+        turns=said.counts.turns,
+        left_out=dict(said.counts.left_out),
+        began=stage.began,
+    )
+
+
+def _error(error: AttitudeError | None) -> WatchError | None:
+    if error is None:
+        return None
+    return WatchError(inc_deg=error.inc_deg, tf_sin_inc_deg=error.tf_sin_inc_deg, tf_deg=error.tf_deg)
+
+
+def _departure(claim: WatchClaim, stage: WatchStage, utc: Callable[[float], float]) -> WatchDeparture:
+    size = claim.parameters[claim.parameter]
+    return WatchDeparture(
+        effect=claim.effect,
+        parameter=claim.parameter,
+        equivalence_class=list(claim.equivalence_class),
+        size=size.value,
+        std=size.std,
+        low=size.low,
+        high=size.high,
+        unit=size.unit,
+        since_t=utc(claim.since_s),
+        since_low_t=utc(claim.since_low_s),
+        since_high_t=utc(claim.since_high_s),
+        alarm_t=utc(claim.alarm_s),
+        evidence=claim.evidence,
+        error=_error(claim.error),
+        acknowledged=claim_key(claim) in stage.acknowledged,
+    )

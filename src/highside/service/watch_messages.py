@@ -1,0 +1,86 @@
+"""What the watch says over MQTT, and what it obeys."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field
+
+from highside.service.message_base import CommandMessage, CommandReply, Payload
+from highside.service.outbox_memory import Count
+
+
+class WatchError(Payload):
+    """Of the present attitude, deg."""
+
+    inc_deg: float = Field(description="Of inclination.")
+    tf_sin_inc_deg: float = Field(description="Of toolface times the sine of the inclination.")
+    tf_deg: float | None = Field(description="Of toolface; null in a vertical hole.")
+
+
+class WatchDeparture(Payload):
+    """A departure from the calibration in force. The claim is its class: what the hole cannot tell apart."""
+
+    effect: str = Field(description="Of the library of effects, of the likeliest; `unexplained`: no small error.")
+    parameter: str = Field(description="The likeliest of the class: b_x is the offset of x, S_xz how x feels z.")
+    equivalence_class: list[str]
+    size: float
+    std: float = Field(ge=0, description="Standard deviation of the size.")
+    low: float = Field(description="95 % interval of the size.")
+    high: float
+    unit: str
+    since_t: float = Field(description="Likeliest onset, UTC, by the tool's own time back from now.")
+    since_low_t: float
+    since_high_t: float
+    alarm_t: float = Field(description="When it was first said.")
+    evidence: float | None = Field(description="Twice the log-likelihood ratio against no departure.")
+    error: WatchError | None = Field(description="What it does; null where no reading is to be used.")
+    acknowledged: bool = Field(description="Whether somebody has taken note: the alarm has ended.")
+
+
+class WatchParameter(Payload):
+    """How far a parameter is from the calibration in force."""
+
+    value: float
+    std: float = Field(ge=0)
+    unit: str
+    stated_std: float = Field(ge=0, description="Before the first measurement.")
+    observable: bool = Field(description="Whether the hole has told most of what is known of it.")
+
+
+class WatchMessage(Payload):
+    """`<prefix>/<tool>/watch` (retained): whether the calibration in force still holds, by what the hole shows."""
+
+    t: float = Field(description="UTC, seconds since 1970, of what was said.")
+    verdict: Literal["learning", "holds", "departs"]
+    cal_id: str
+    claims: list[WatchDeparture]
+    parameters: dict[str, WatchParameter]
+    not_observable: dict[str, str] = Field(description="Parameter, and what it would take to see it.")
+    advice: list[str] = Field(description="What to do, the first first.")
+    inclination_deg: float | None = Field(description="The present attitude: that of the last rest or turn used.")
+    toolface_deg: float | None = Field(description="null: it turned.")
+    still_unseen: WatchError | None = Field(
+        description="Three standard deviations of what the hole alone says of the present attitude."
+    )
+    stated: WatchError | None = Field(description="One standard deviation of the record at the present attitude.")
+    noise_grown: bool
+    noise_ratio: float = Field(description="Of the innovations' standard deviation to the stated one.")
+    watched_s: float = Field(ge=0, description="Seconds since the watch began.")
+    stills: Count = Field(description="Rests used.")
+    turns: Count = Field(description="Windows of rotation used.")
+    left_out: dict[str, Count] = Field(description="What was not used, by reason.")
+    began: str = Field(description="From what this watch goes on, or why it began anew.")
+
+
+class WatchCommand(CommandMessage):
+    """`<prefix>/<tool>/watch/command` (to the service, not retained): take note of a departure, or begin anew."""
+
+    command: Literal["acknowledge", "restart"] = Field(
+        description="acknowledge: the departures that stand are known; the alarm ends, the flag stays. restart: forget"
+        " what was seen, and begin from the calibration in force."
+    )
+
+
+class WatchReply(CommandReply):
+    """`<prefix>/<tool>/watch/reply`: whether a command was done."""

@@ -1,0 +1,257 @@
+"""The watch in the pipeline: collects readings, and flags attitudes once the calibration does not hold any more.
+
+Synchronous, on device time, without clock or file: `watch_keeper` has the sums made in another thread, stores what is
+known and brings commands. Readings come as means over some ten milliseconds (the pipeline's own micro-batches),
+corrected as they are published but for the re-balance, which would hide the very offset that is watched for.
+
+It flags, and never corrects: `calibration_departs` stands where the likeliest departure would move inclination or
+toolface of that very attitude by more than two of its stated standard deviations.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from highside.calibration.correction import Vector
+from highside.calibration.record import CalibrationRecord
+from highside.config.watch import WatchSettings
+from highside.errors import Refused
+from highside.service.saved_watch import Numbers, SavedWatch, facts_of
+from highside.watch import Watch, WatchResult, prior_of_record
+from highside.watch.live import LiveRows, LiveWatch, Stretch
+from highside.watch.memory import LAYOUT
+from highside.watch.result import WatchClaim
+from highside.watch.turning import mean_span
+
+DEPARTS = "calibration_departs"
+"""the flag of attitudes and surveys, and the alarm"""
+COVERAGE = 2.0
+"""standard deviations that an error must exceed to be flagged"""
+WAITING = 64
+"""stretches that wait for their sums: minutes each, sums take milliseconds; beyond, the oldest is dropped, counted"""
+VERDICTS = ("learning", "holds", "departs")
+"""as WITS has them: 0, 1, 2"""
+SAME_CLOCK_S, SAME_CLOCK_SHARE = 5.0, 0.02
+"""how far the tool's time may be from the host's over a break, for the tool not to have been switched off"""
+
+
+@dataclass(frozen=True, slots=True)
+class Watched:
+    """What a watch is of."""
+
+    record: CalibrationRecord
+    gravity: float
+    """of the site in units of the corrected readings"""
+    gravity_std: float
+    """the same units"""
+
+
+def claim_key(claim: WatchClaim) -> str:
+    """By which a claim is acknowledged: it is another one where another thing departs, or departs anew."""
+    return f"{claim.effect} {claim.alarm_s:.3f}"
+
+
+class WatchStage:
+    """`add` takes the rates of each frame, `close` ends a micro-batch, `exceeds` judges an attitude."""
+
+    def __init__(
+        self,
+        settings: WatchSettings,
+        of: Watched,
+        saved: SavedWatch | None = None,
+        *,
+        loaded_mono: float = 0.0,
+        began: str = "began from the record",
+        on_stretch: Callable[[], None] = lambda: None,
+    ) -> None:
+        """Raises InputError for a record that cannot be watched, Refused for a `saved` state that is none."""
+        self.of, self.cal_id = of, of.record.id
+        self._settings = settings
+        watch = self._new_watch()
+        calmest: tuple[float | None, float] = (None, 0.0)
+        if saved is not None:
+            try:
+                watch.recall(saved.memory())
+            except (ValueError, KeyError) as error:
+                raise Refused(f"is no saved watch: {error}") from None
+            calmest = saved.calmest_g, saved.calmest_s
+        self.core = LiveWatch(watch, *calmest)
+        self.began = began
+        self.acknowledged: set[str] = set() if saved is None else set(saved.acknowledged)
+        self.waiting: deque[Stretch] = deque()
+        self.dropped = 0
+        self._rows = LiveRows(0.0 if saved is None else saved.t_s)
+        self._before, self._loaded_mono = saved, loaded_mono
+        self._on_stretch = on_stretch
+        self._sum = [0.0, 0.0, 0.0]
+        self._n = 0
+        self._first_s = self._last_s = 0.0
+        self._device_s: float | None = None
+        self._t_mono = 0.0
+        self._departure: tuple[float, ...] | None = None
+        self._unusable = False
+        self.take_said(self.core.result())
+
+    def _new_watch(self) -> Watch:
+        of, policy = self.of, self._settings.policy()
+        prior = prior_of_record(of.record, self._settings.noise(of.gravity_std / of.gravity), policy)
+        return Watch(prior, self.cal_id, policy)
+
+    def begin_again(self) -> None:
+        """Forget what was seen; the record is all that is known."""
+        self.core = LiveWatch(self._new_watch(), *self.core.calmest)
+        self.waiting.clear()
+        self.acknowledged, self.began = set(), "began anew, as was asked for"
+        self.take_said(self.core.result())
+
+    # --- readings ----------------------------------------------------------------------------------------------
+
+    def add(self, t_s: float, gx_dps: float, gy_dps: float, gz_dps: float) -> None:
+        """The rates of one frame, tool frame."""
+        if not self._n:
+            self._first_s = t_s
+        self._last_s = t_s
+        self._sum[0] += gx_dps
+        self._sum[1] += gy_dps
+        self._sum[2] += gz_dps
+        self._n += 1
+
+    def close(self, t_s: float, t_mono: float, c: Vector, temp_c: float | None) -> None:
+        """The frames added since the last call have the mean device time `t_s`; `c` is their corrected mean, g."""
+        n, rates, span = self._n, None, 0.0
+        if n:
+            span = mean_span(self._first_s, self._last_s, n)
+            x, y, z = self._sum
+            rates = (math.radians(x / n), math.radians(y / n), math.radians(z / n))
+            self._sum, self._n = [0.0, 0.0, 0.0], 0
+        if self._before is not None:
+            self._go_on(self._before, t_s, t_mono)
+            self._before = None
+        since = t_mono - self._t_mono
+        self._device_s, self._t_mono = t_s, t_mono
+        g = self.of.gravity
+        done = self._rows.add(t_s, (c[0] / g, c[1] / g, c[2] / g), rates, temp_c, since, span)
+        if done is not None:
+            self._put(done)
+
+    def _go_on(self, before: SavedWatch, t_s: float, t_mono: float) -> None:
+        """The first reading after a restart: how long nothing was seen, and whether the tool was switched off."""
+        age, went_on = before.age_s, False
+        if age is not None:
+            age += max(t_mono - self._loaded_mono, 0.0)
+            if before.t_device_s is not None:
+                went_on = abs(t_s - before.t_device_s - age) < SAME_CLOCK_S + SAME_CLOCK_SHARE * age
+        self._rows.unseen(age or 0.0)
+        if not went_on:
+            self._rows.power_up = True
+
+    def finish(self) -> None:
+        """The input has ended, or the service: what was collected is used."""
+        if (done := self._rows.cut()) is not None:
+            self._put(done)
+
+    def _put(self, stretch: Stretch) -> None:
+        if len(self.waiting) >= WAITING:
+            self.waiting.popleft()
+            self.dropped += 1
+        self.waiting.append(stretch)
+        self._on_stretch()
+
+    # --- what it says ------------------------------------------------------------------------------------------
+
+    @property
+    def t_s(self) -> float:
+        """The watch's time at the last reading."""
+        return self._rows.t_s
+
+    def take_said(self, said: WatchResult) -> None:
+        """What the sums have come to."""
+        self.said = said
+        self._unusable = any(claim.error is None for claim in said.claims)
+        self._departure = tuple(said.departure.tolist()) if said.departure.any() else None
+
+    @property
+    def departs(self) -> bool:
+        """Whether a departure stands that nobody has taken note of."""
+        return any(claim_key(claim) not in self.acknowledged for claim in self.said.claims)
+
+    def acknowledge(self) -> str | None:
+        """Take note of what stands; returns why there is nothing to take note of, if so."""
+        if not self.said.claims:
+            return f"nothing departs ({self.said.verdict}): there is nothing to acknowledge"
+        self.acknowledged = {claim_key(claim) for claim in self.said.claims}
+        return None
+
+    def exceeds(self, g: Vector, inc_std_rad: float, tf_std_rad: float) -> bool:
+        """Whether the departure moves this attitude by more than is stated. `g`: corrected reading."""
+        if self._unusable:
+            return True
+        d = self._departure
+        if d is None:
+            return False
+        x, y, z = g
+        across = math.hypot(x, y)
+        size = math.hypot(across, z)
+        if not size > 0.0:
+            return False
+        s, c = across / size, z / size
+        ct, st = (x / across, y / across) if across > 0.0 else (1.0, 0.0)
+        fx, fy, fz = s * ct, s * st, c
+        dx = d[0] + d[3] * fx + d[4] * fy + d[5] * fz
+        dy = d[1] + d[6] * fx + d[7] * fy + d[8] * fz
+        dz = d[2] + d[9] * fx + d[10] * fy + d[11] * fz
+        by_inc = c * (ct * dx + st * dy) - s * dz
+        by_tf = ct * dy - st * dx
+        return abs(by_inc) > COVERAGE * inc_std_rad or abs(by_tf) > COVERAGE * tf_std_rad * s
+
+    def saved(self) -> SavedWatch:
+        """What is to be kept, without the time of its keeping."""
+        memory = self.core.memory()
+        calmest_g, calmest_s = self.core.calmest
+        return SavedWatch(
+            cal_id=self.cal_id,
+            layout=LAYOUT,
+            gravity=self.of.gravity,
+            t_s=self.t_s,
+            t_device_s=self._device_s,
+            calmest_g=calmest_g,
+            calmest_s=calmest_s,
+            acknowledged=sorted(self.acknowledged),
+            facts=facts_of(memory),
+            arrays={name: Numbers.of(values) for name, values in memory.arrays.items()},
+        )
+
+    def figures(self) -> dict[str, float | None]:
+        """For WITS, by the names of `WitsValue`."""
+        said = self.said
+        error = said.claims[0].error if said.claims else None
+        return {
+            "watch_verdict": float(VERDICTS.index(said.verdict)),
+            "watch_inc_error_deg": None if error is None else error.inc_deg,
+            "watch_tf_sin_inc_error_deg": None if error is None else error.tf_sin_inc_deg,
+        }
+
+    def health(self) -> dict[str, Any]:
+        """What the health message says of it."""
+        said = self.said
+        claim = said.claims[0] if said.claims else None
+        error = None if claim is None else claim.error
+        return {
+            "verdict": said.verdict,
+            "class": [] if claim is None else list(claim.equivalence_class),
+            "inc_error_deg": None if error is None else error.inc_deg,
+            "tf_sin_inc_error_deg": None if error is None else error.tf_sin_inc_deg,
+            "acknowledged": claim is not None and not self.departs,
+            "deviation": {name: one.value for name, one in said.parameters.items()},
+            "std": {name: one.std for name, one in said.parameters.items()},
+            "stills": said.counts.stills,
+            "turns": said.counts.turns,
+            "left_out": dict(said.counts.left_out),
+            "waiting": len(self.waiting),
+            "dropped": self.dropped,
+            "began": self.began,
+        }

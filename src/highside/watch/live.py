@@ -1,0 +1,212 @@
+"""The watch on a stream: readings come one after another, and are cut into stretches in which the tool turns or not.
+
+A stretch is what `rows.py` makes of a recording: turning tools give windows, others are searched for rests. Memory is
+bounded by the longest stretch. Collecting costs a few appends a reading; the sums over a stretch are made when it
+ends, by `LiveWatch.take`, which may run in another thread.
+
+Time is that of the watch: it goes on with the tool's own, and across what is not seen (a gap, a restart of tool or
+service) with what is known of it from elsewhere. A tool that was switched off may have another turn-on bias.
+"""
+
+from __future__ import annotations
+
+import math
+from array import array
+from collections import deque
+from dataclasses import dataclass
+from threading import Lock
+
+import numpy as np
+
+from highside.arrays import Array
+from highside.watch.memory import WatchMemory
+from highside.watch.monitor import Watch
+from highside.watch.result import WatchResult
+from highside.watch.rows import REST, Rows, stills, turnings
+from highside.watch.turning import TURNING, Left
+
+__all__ = ["LIVE", "LiveRows", "LiveWatch", "Stretch"]
+
+
+@dataclass(frozen=True)
+class LivePolicy:
+    """Of the stream."""
+
+    calm_s: float = 10.0
+    """over which the mean rate says whether the tool turns: stick-slip stops for a moment in the midst of a turn"""
+    most_rows: int = 65_536
+    """of one stretch: 100 readings a second for the longest rest"""
+    shaking: float = 4.0
+    """scatter of a rest, in units of the calmest one, from which it is none: pumps and rotation elsewhere in the string
+    shake a tool that does not turn, and rectify. As `service.stillness` has it of windows (16 of the variance)"""
+    calm_memory_s: float = 3600.0
+    """in about this time the calmest rest is forgotten: a sensor's noise may grow"""
+
+
+LIVE = LivePolicy()
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """Readings in which the tool turned all the time, or did not. `power_up`: it was switched on just before."""
+
+    rows: Rows
+    turning: bool
+    power_up: bool = False
+
+
+class LiveRows:
+    """Collects readings and cuts stretches."""
+
+    def __init__(self, t_s: float = 0.0) -> None:
+        """`t_s`: the watch's time at which it goes on."""
+        self.t_s = t_s
+        """of the watch, at the last reading"""
+        self._device_s: float | None = None
+        self.power_up = False
+        """the tool was switched on since the last stretch"""
+        self._columns = [array("d") for _ in range(9)]
+        """t, c (3), rate (3), temperature, span of the mean"""
+        self._second = 0.0
+        self._sum, self._n = 0.0, 0
+        self._means: deque[float] = deque(maxlen=max(1, round(LIVE.calm_s)))
+        self._turning = False
+
+    def unseen(self, seconds: float) -> Stretch | None:
+        """Time passed without readings (a restart of the service); what was begun ends."""
+        self._device_s = None
+        done = self.cut()
+        self.t_s += max(seconds, 0.0)
+        return done
+
+    def add(
+        self,
+        device_s: float,
+        c: tuple[float, float, float],
+        rate_radps: tuple[float, float, float] | None,
+        temp_c: float | None,
+        since_last_s: float = 0.0,
+        span_s: float = 0.0,
+    ) -> Stretch | None:
+        """One reading: the tool's own time, corrected acceleration in g, rates. `since_last_s`: by the host's clock,
+        for when the tool's began anew; `span_s` of a reading that is a mean: `turning.mean_span`. Returns a stretch
+        that ended before this reading."""
+        done: Stretch | None = None
+        last = self._device_s
+        self._device_s = device_s
+        if last is not None:
+            step = device_s - last
+            if step < 0.0:
+                done, step, self.power_up = self.cut(), max(since_last_s, 0.0), True
+            elif step > REST.gap_s:
+                done = self.cut()
+            if done is not None or step > REST.gap_s:
+                # what it did before says nothing of what it does now
+                self._means.clear()
+                self._sum, self._n, self._turning = 0.0, 0, False
+            self.t_s += step
+        if not math.isfinite(c[0] + c[1] + c[2]):
+            return done
+        done = self._judged(rate_radps) or done
+        nan = math.nan
+        rate = (nan, nan, nan) if rate_radps is None else rate_radps
+        row = (self.t_s, *c, *rate, nan if temp_c is None else temp_c, span_s)
+        for column, value in zip(self._columns, row, strict=True):
+            column.append(value)
+        return done
+
+    def _judged(self, rate_radps: tuple[float, float, float] | None) -> Stretch | None:
+        """Whether it turns, by the last seconds; a stretch that ends because that changes, or has become long."""
+        if rate_radps is not None and math.isfinite(rate_radps[2]):
+            self._sum += abs(rate_radps[2])
+            self._n += 1
+        if self.t_s - self._second >= 1.0:
+            self._second = self.t_s
+            if self._n:
+                self._means.append(self._sum / self._n)
+            self._sum, self._n = 0.0, 0
+        turning = bool(self._means) and sum(self._means) / len(self._means) > math.radians(TURNING.rate_dps)
+        times = self._columns[0]
+        longest = TURNING.window_s if self._turning else REST.longest_s
+        if turning != self._turning or (times and self.t_s - times[0] >= longest) or len(times) >= LIVE.most_rows:
+            done = self.cut()
+            self._turning = turning
+            return done
+        return None
+
+    def cut(self) -> Stretch | None:
+        """End the stretch under way; None where it is too short to say anything."""
+        columns, self._columns = self._columns, [array("d") for _ in range(9)]
+        t = columns[0]
+        if len(t) < 2 or t[-1] - t[0] < REST.shortest_s / 2.0:
+            return None
+        values = np.array(columns)
+        rates: Array | None = values[4:7]
+        if rates is not None and not np.isfinite(rates).any():
+            rates = None
+        temp: Array | None = values[7]
+        if temp is not None and not np.isfinite(temp).any():
+            temp = None
+        power_up, self.power_up = self.power_up, False
+        return Stretch(Rows(values[0], values[1:4], rates, temp, span_s=values[8]), self._turning, power_up)
+
+
+class LiveWatch:
+    """A watch with what it needs beside it on a stream. `take` may run in another thread than the rest."""
+
+    def __init__(self, watch: Watch, calmest_g: float | None = None, calmest_s: float = 0.0) -> None:
+        self._watch = watch
+        self._calmest_g, self._calmest_s = calmest_g, calmest_s
+        """scatter of a reading in the calmest rest, and when that was last judged"""
+        self._lock = Lock()
+
+    @property
+    def calmest(self) -> tuple[float | None, float]:
+        """To be kept beside `memory`."""
+        return self._calmest_g, self._calmest_s
+
+    def take(self, stretch: Stretch) -> WatchResult:
+        """What a stretch says, and what is said after it."""
+        with self._lock:
+            watch = self._watch
+            if stretch.power_up:
+                watch.power_up()
+            if stretch.turning:
+                for window in turnings(stretch.rows):
+                    if isinstance(window, Left):
+                        watch.leave_out(window.reason)
+                    else:
+                        watch.turning(window)
+            else:
+                self._take_rests(stretch.rows)
+            return watch.result()
+
+    def _take_rests(self, rows: Rows) -> None:
+        for still in stills(rows, self._watch.leave_out):
+            scatter = self._scatter(rows, still.mean_g, still.t_s)
+            if self._calmest_g is None:
+                self._calmest_g, self._calmest_s = scatter, still.t_s
+            share = min(max(still.t_s - self._calmest_s, 0.0) / LIVE.calm_memory_s, 1.0)
+            before = self._calmest_g
+            self._calmest_g, self._calmest_s = min(scatter, before + share * (scatter - before)), still.t_s
+            if scatter > LIVE.shaking * before:
+                self._watch.leave_out("rest in which the tool shakes")
+            else:
+                self._watch.still(still)
+
+    @staticmethod
+    def _scatter(rows: Rows, mean_g: Array, t_s: float) -> float:
+        """Of one reading along gravity, g, in the middle of a rest: rows within ten seconds."""
+        near = np.abs(rows.t_s - t_s) <= REST.shortest_s / 2.0
+        along = mean_g / np.linalg.norm(mean_g) @ rows.c[:, near]
+        return float(np.diff(along).std() / math.sqrt(2.0)) if along.size > 2 else 0.0
+
+    def result(self) -> WatchResult:
+        """What is said now."""
+        with self._lock:
+            return self._watch.result()
+
+    def memory(self) -> WatchMemory:
+        """What it knows."""
+        with self._lock:
+            return self._watch.memory()

@@ -1,0 +1,254 @@
+"""The watch in the service: a tool on a pty, `highside run`, a real mosquitto, a shock that leaves an offset.
+
+The tool's time runs many times faster than ours: stands of a rest and a turn, half an hour apart, in a few seconds.
+"""
+
+from __future__ import annotations
+
+import itertools
+import json
+import signal
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import paho.mqtt.client as mqtt
+import pytest
+from broker import Mosquitto
+from daemon import Daemon, Pty, Subscriber, running, wait_for
+
+import highside
+from highside.arrays import Array
+from highside.codec.tool import encode
+from highside.recording.calibration_store import CalibrationStore
+from highside.service.messages import AttitudeMessage
+from highside.service.watch_messages import WatchMessage, WatchReply
+from tests.unit.watch_frames import poses_of_a_good_tool, rows_of_a_well
+
+pytestmark = pytest.mark.slow
+
+STANDS, STEP_AT, STEP_G = 30, 6, 2e-3
+"""while the hole builds from 5 to 85 deg: a spread of inclinations names what departs"""
+RATE_HZ = 25
+ROWS = 150 * RATE_HZ
+"""of a stand"""
+
+
+@pytest.fixture
+def broker(tmp_path: Path) -> Iterator[Mosquitto]:
+    with Mosquitto(tmp_path / "broker") as mosquitto:
+        yield mosquitto
+
+
+@pytest.fixture(scope="module")
+def well() -> dict[str, Array]:
+    step = {"step_g": (STEP_G, 0.0, 0.0), "step_at": STEP_AT}
+    return rows_of_a_well(3, stands=STANDS, inclinations_deg=(5.0, 85.0), rate_hz=RATE_HZ, **step)  # type: ignore[arg-type]
+
+
+@pytest.fixture(scope="module")
+def calibration() -> highside.Calibration:
+    return highside.calibrate(poses_of_a_good_tool(1), "joint", tool="HS-1", temp_c=25.0)
+
+
+@pytest.fixture
+def store(tmp_path: Path, calibration: highside.Calibration) -> Path:
+    folder = tmp_path / "calibrations"
+    CalibrationStore(folder).activate(calibration.record, now_s=1.7e9)
+    return folder
+
+
+class Tool:
+    """Sends the rows of a well over a pty, stand by stand; where the offset steps, the readings of a shock too."""
+
+    def __init__(self, rows: dict[str, Array]) -> None:
+        self.pty = Pty()
+        self.sent = self.shocks = 0
+        self._rows = rows
+        self._t = 0.0
+
+    def stands(self, first: int, stop: int) -> None:
+        data = bytearray()
+        for k in range(first * ROWS, stop * ROWS):
+            if k == STEP_AT * ROWS:
+                # beyond the range in which readings are believed, a moment before the stand
+                data += self._frame(float(self._rows["t_s"][k]) - 0.05, (25.0, 0.1, 1.0), (0.0, 0.0, 0.0))
+                self.shocks += 1
+            a = [float(self._rows[name][k]) for name in ("ax_g", "ay_g", "az_g")]
+            w = [float(self._rows[name][k]) for name in ("gx_dps", "gy_dps", "gz_dps")]
+            data += self._frame(float(self._rows["t_s"][k]), a, w)
+        writer = threading.Thread(target=self.pty.write_all, args=(bytes(data),))
+        writer.start()
+        writer.join(120.0)
+        assert not writer.is_alive()
+
+    def _frame(self, t_s: float, a: Any, w: Any) -> bytes:
+        self.sent += 1
+        return encode(self.sent - 1, t_s, a, gyro_dps=w, temp_c=25.0)
+
+
+@pytest.fixture
+def tool(well: dict[str, Array]) -> Iterator[Tool]:
+    made = Tool(well)
+    yield made
+    made.pty.close()
+
+
+def config(folder: Path, tool: Tool, broker: Mosquitto, store: Path, extra: str = "") -> Path:
+    path = folder / "highside.toml"
+    path.write_text(
+        f'[tool]\nid = "HS-1"\n[link]\nkind = "serial"\nport = "{tool.pty.path}"\nstale_after_s = 0.0\n'
+        f'[codec]\nname = "tool"\n'
+        f'[pipeline]\noutput_rate_hz = 0.5\naveraging_s = 1.0\n[calibration]\nstore = "{store}"\n'
+        f"[site]\ngravity_mps2 = 9.81\n[mqtt]\nport = {broker.port}\n[recorder]\nenabled = false\n"
+        f"[watch]\ninterval_s = 0.1\nsave_interval_s = 0.2\n{extra}"
+        f'[service]\nstate_dir = "{folder / "state"}"\nhealth_interval_s = 0.2\n'
+    )
+    return path
+
+
+class Operator:
+    """Says commands and hears replies."""
+
+    _ids = itertools.count()
+
+    def __init__(self, broker: Mosquitto, ear: Subscriber) -> None:
+        self._ear = ear
+        self._client = mqtt.Client(mqtt.CallbackAPIVersion.VERSION2)
+        self._client.connect("127.0.0.1", broker.port)
+        self._client.loop_start()
+
+    def say(self, daemon: Daemon, **command: Any) -> WatchReply:
+        name = f"c{next(self._ids)}"
+        self._client.publish("highside/HS-1/watch/command", json.dumps({"id": name, **command}), qos=1)
+
+        def replied() -> dict[str, Any] | None:
+            return next((reply for reply in self._ear.payloads("watch/reply") if reply["id"] == name), None)
+
+        return WatchReply.model_validate(wait_for(replied, 10.0, f"a reply to {command}", daemon))
+
+    def close(self) -> None:
+        self._client.disconnect()
+        self._client.loop_stop()
+
+
+def watch(ear: Subscriber) -> WatchMessage | None:
+    found = ear.latest("watch")
+    return None if found is None else WatchMessage.model_validate(found)
+
+
+def after(ear: Subscriber, daemon: Daemon, stills: int, turns: int) -> WatchMessage:
+    """What is said when so much has been used."""
+
+    def enough() -> WatchMessage | None:
+        said = watch(ear)
+        return said if said is not None and said.stills >= stills and said.turns >= turns else None
+
+    found = wait_for(enough, 60.0, f"{stills} rests and {turns} turns", daemon)
+    assert isinstance(found, WatchMessage)
+    return found
+
+
+def alarms(ear: Subscriber) -> list[str]:
+    health = ear.latest("health")
+    return [] if health is None else list(health["alarms"])
+
+
+def flagged(ear: Subscriber) -> list[bool]:
+    return ["calibration_departs" in AttitudeMessage.model_validate(one).flags for one in ear.payloads("attitude")]
+
+
+def test_a_shock_that_leaves_an_offset_is_said_flagged_and_outlives_a_kill(
+    tmp_path: Path, broker: Mosquitto, tool: Tool, store: Path
+) -> None:
+    path = config(tmp_path, tool, broker, store)
+    ear = Subscriber(broker.port)
+    operator = Operator(broker, ear)
+    try:
+        with running(path) as daemon:
+            first = wait_for(lambda: watch(ear), 60.0, "the first word of the watch", daemon)
+            assert first.verdict == "learning"
+            assert first.began == "began from the record"
+            tool.stands(0, STEP_AT)
+            said = after(ear, daemon, STEP_AT, STEP_AT - 1)
+            assert said.verdict == "holds"
+            assert next(one["verdict"] for one in ear.payloads("watch")) == "learning"
+            assert "calibration_departs" not in alarms(ear)
+            assert not any(flagged(ear))
+            refused = operator.say(daemon, command="acknowledge")
+            assert not refused.ok
+            assert "nothing departs (holds)" in str(refused.error)
+
+            tool.stands(STEP_AT, STEP_AT + 4)
+            said = after(ear, daemon, STEP_AT + 4, STEP_AT + 3)
+            assert said.verdict == "departs"
+            (claim,) = said.claims
+            assert "b_x" in claim.equivalence_class
+            size = said.parameters["b_x"] if claim.parameter != "b_x" else claim
+            assert abs((size.size if size is claim else size.value) - STEP_G) < 4.0 * size.std  # type: ignore[union-attr]
+            assert claim.error is not None
+            assert np.hypot(claim.error.inc_deg, claim.error.tf_sin_inc_deg) > 0.05
+            assert said.advice
+            wait_for(lambda: "calibration_departs" in alarms(ear), 10.0, "the alarm", daemon)
+            tool.stands(STEP_AT + 4, STEP_AT + 5)
+            wait_for(lambda: any(flagged(ear)[-75:]), 20.0, "attitudes at rest with the flag", daemon)
+            said = after(ear, daemon, STEP_AT + 5, STEP_AT + 4)
+            (claim,) = said.claims
+            assert operator.say(daemon, command="acknowledge").ok
+            wait_for(lambda: "calibration_departs" not in alarms(ear), 10.0, "the end of the alarm", daemon)
+            # nothing is lost
+            health = ear.latest("health")
+            assert health is not None
+            assert health["monitor"]["received"] == tool.sent
+            assert health["monitor"]["out_of_range"] == tool.shocks == 1
+            assert health["monitor"]["gap"] == 0
+            assert all(health["balance"].values())
+            assert health["watch"]["dropped"] == 0
+            saves = health["watch"]["saves"]
+            wait_for(lambda: (ear.latest("health") or {})["watch"]["saves"] >= saves, 5.0, "a saved state", daemon)
+            daemon.kill()
+        seqs = [one["seq"] for one in ear.payloads("attitude")]
+        assert seqs == list(range(seqs[0], seqs[0] + len(seqs)))
+
+        ear.drain()
+        mark = len(ear.payloads("watch"))
+        with running(path) as daemon:
+            wait_for(lambda: len(ear.payloads("watch")) > mark, 60.0, "the watch after the kill", daemon)
+            again = watch(ear)
+            assert again is not None
+            assert again.began.startswith("taken up again, ")
+            assert (again.verdict, again.stills) == ("departs", said.stills)
+            assert again.claims[0].acknowledged
+            assert again.claims[0].size == claim.size
+            assert operator.say(daemon, command="restart").ok
+            wait_for(lambda: (now := watch(ear)) and now.verdict == "learning" and not now.stills, 10.0, "a new begin")
+            daemon.process.send_signal(signal.SIGTERM)
+            assert daemon.process.wait(10.0) == 0
+    finally:
+        operator.close()
+        ear.close()
+
+
+def test_a_damaged_state_is_set_aside_and_said(tmp_path: Path, broker: Mosquitto, tool: Tool, store: Path) -> None:
+    state = tmp_path / "state"
+    state.mkdir()
+    (state / "watch.json").write_text('{"format": "highside.watch-state/1", "tool": "HS-1"}')
+    ear = Subscriber(broker.port)
+    try:
+        with running(config(tmp_path, tool, broker, store)) as daemon:
+            wait_for(lambda: "watch_state" in alarms(ear), 60.0, "the alarm", daemon)
+            said = watch(ear)
+            assert said is not None
+            assert said.began == "began anew: what was kept is damaged"
+            health = ear.latest("health")
+            assert health is not None
+            assert [one["file"] for one in health["damaged"]] == ["watch.json"]
+            assert list(state.glob("watch.json.damaged-*"))
+            # what is saved next is whole, and the alarm ends
+            tool.stands(0, 2)
+            wait_for(lambda: "watch_state" not in alarms(ear), 20.0, "the end of the alarm", daemon)
+            assert np.isfinite(json.loads((state / "watch.json").read_text())["state"]["t_s"])
+    finally:
+        ear.close()
