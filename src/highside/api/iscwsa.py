@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from highside import __version__
 from highside.api.calibration import Calibration
 from highside.errors import InputError
 from highside.reading import parse_json, read_bytes
@@ -19,6 +18,7 @@ from highside.recording.calibration_store import read_record
 from highside.recording.files import write_whole
 from highside.recording.frames import File
 from highside.units import STANDARD_GRAVITY_MPS2
+from highside.version import __version__
 from highside.watch import prior_of_record
 from highside.watch.iscwsa import IscwsaTerm, IscwsaTerms, accelerometer_terms, covariance_of_watch, in_use
 from highside.watch.parameters import KT
