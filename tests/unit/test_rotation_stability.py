@@ -78,6 +78,39 @@ def test_a_lever_arm_that_changes_over_the_session_has_not_that_name() -> None:
     assert any(hint.startswith("lever_arm is no constant") for hint in changing.remainder.hints)
 
 
+def test_a_lever_arm_that_comes_and_goes_is_refused_or_reported_as_doubtful() -> None:
+    n = turning().n
+    found = reported(1 + 0.4 * np.cos(2 * np.pi * np.arange(n) / n))
+    names = {name for claim in found.claims for name in claim.equivalence_class}
+    assert "lever_arm" not in names or any(hint.startswith("lever_arm may be") for hint in found.remainder.hints)
+
+
+@pytest.mark.parametrize(("size", "kept"), [(0.0, True), (3e-4, False)])
+def test_sizes_beside_a_large_remainder_are_wider_and_warned_of(size: float, kept: bool) -> None:
+    state = turning()
+    sensor = random_sensor(np.random.default_rng(4))
+    readings = sensor.with_effects({"lever_arm": {"r_x": 2.4e-3, "r_y": -1.8e-3}}).predict(state)
+    readings = readings + SIGMA * np.random.default_rng(8).standard_normal(readings.shape)
+    readings[0] += size * np.sign(np.cos(5 * state.tf_rad)) * np.sign(state.rotor_rate_radps)
+    session = RotationSession(readings, state)
+    found = diagnose_rotation(session, ForwardModel.of({}), FREE, method=ProcedureParts.without("laws"))[0]
+    if kept:
+        assert [claim.effect for claim in found.claims] == ["lever_arm"]
+    warned = any("beside a remainder of" in hint for hint in found.remainder.hints)
+    assert warned != kept or not found.claims
+
+
+def test_at_one_inclination_a_product_of_loads_ties_with_a_law_of_the_toolface() -> None:
+    state = turning()
+    sensor = random_sensor(np.random.default_rng(4)).with_effects({"cross_product": {"k_x_xy": 2e-4}})
+    readings = sensor.predict(state) + SIGMA * np.random.default_rng(3).standard_normal((3, state.n))
+    session = RotationSession(readings, state)
+    (claim,) = diagnose_rotation(session, ForwardModel.of({}), FREE, method=ProcedureParts.without("laws"))[0].claims
+    assert claim.effect == "cross_product"
+    assert "law:offset_x_tf" in claim.equivalence_class
+    assert "turn at another inclination too" in claim.next_manoeuvre
+
+
 @pytest.mark.parametrize("size", [0.0, 1e-3])
 def test_the_instant_of_a_large_step_is_found_to_a_row(size: float) -> None:
     state = turning()

@@ -82,6 +82,11 @@ def _weighed(problem: Problem[N], selection: SelectionState[N], diagnosis: Diagn
     changing = [k for k, steady in enumerate(stabilities) if steady is not None and not steady.stable]
     if changing:
         return _withdrawn(diagnosis, {claims[k].effect: s for k in changing if (s := stabilities[k]) is not None})
+    known = [(c.effect, s) for c, s in zip(claims, stabilities, strict=True) if s is not None]
+    doubts = [steady.doubt_for(effect) for effect, steady in known if steady.beside_walk]
+    if doubts:
+        remainder = replace(diagnosis.remainder, hints=(*doubts, *diagnosis.remainder.hints))
+        diagnosis = replace(diagnosis, remainder=remainder)
     order = [int(k) for k in np.argsort(-shares, kind="stable")]
     location = tuple(places[k] for k in order) if places else diagnosis.location
     found = replace(diagnosis, claims=tuple(claims[k] for k in order), location=location)

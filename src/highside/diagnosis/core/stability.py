@@ -35,6 +35,8 @@ class Stability:
     """size in each part, in units of the size in all"""
     instead: str = ""
     """id of another effect, of which these are the sizes, that explains more in the claim's place"""
+    beside_walk: bool = False
+    """whether the size may change, or the zero offsets follow a random walk that does the same: the name stands"""
     limit: float = STABILITY.log_p
     """-log10 p from which the sizes are different; of a change that was chosen by evidence none is needed"""
 
@@ -48,6 +50,13 @@ class Stability:
         """The sizes side by side."""
         parts = " / ".join(f"{factor:.2f}" for factor in self.factors)
         return f"its size over {self.split} is {parts} times that over all"
+
+    def doubt_for(self, effect: str) -> str:
+        """What is open of a claim that stands: its size changes, or the noise does that."""
+        return (
+            f"{effect} may be no constant: {self.words}, or the zero offsets follow a random walk; its size is a mean "
+            "over the session: record another one to see which"
+        )
 
     def hint_for(self, effect: str) -> str:
         """Why an effect is no name of what is there."""

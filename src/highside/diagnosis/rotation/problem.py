@@ -32,6 +32,7 @@ from highside.diagnosis.rotation.pilot import PilotFit, Subsample, pilot_second_
 from highside.diagnosis.rotation.policy import MEANS, PILOT, ROTATION
 from highside.diagnosis.rotation.steps import found_step
 from highside.diagnosis.rotation.support import rotation_cells, windows
+from highside.diagnosis.rotation.ties import with_ties
 from highside.diagnosis.rows.design import ChainDesign
 from highside.diagnosis.rows.gram import HeldOutRows
 from highside.diagnosis.rows.inner_products import InnerProducts
@@ -233,6 +234,7 @@ class RotationProblem(RowsProblem):
 
     def completed(self, diagnosis: DiagnosisResult) -> DiagnosisResult:
         summary = with_manoeuvres(located_by_cause(diagnosis, self.model, self.session.state), self.session.state)
+        summary = with_ties(summary, self.session.state)
         summary = with_burst(summary, found_burst(self.products.rest, self.session.places), self.session, self.channels)
         return with_jitter(summary, self.noise, self.channels)
 

@@ -50,7 +50,7 @@ class RowsKnown(Protocol):
 
 def changing_instead(problem: RowsKnown, selection: SelectionState[RotationNoise], term: Term) -> Stability | None:
     """How the size of a claim changes, or that of what explains more in its place if its size may change; None where
-    a constant explains as much."""
+    a constant explains as much. Where a random walk explains more than the change does, the claim stands in doubt."""
     others = [o for o in selection.terms if o != term]
     limit = memory_of_claim(problem, selection, term)
     gain = _explained(problem, others, [term])
@@ -71,7 +71,12 @@ def changing_instead(problem: RowsKnown, selection: SelectionState[RotationNoise
         if instead.gain - _cost_of(selection, instead) > claimed - RIVALS.same_class_bic:
             return instead.chosen
     if limit or term.candidate in {k for k, c in enumerate(problem.candidates) if c.id in problem.slow_ids}:
-        return _another(problem, selection, others, term, gain + limit - _cost(problem, selection, term))
+        another = _another(problem, selection, others, term, gain + limit - _cost(problem, selection, term))
+        if another is not None:
+            return another
+    if own is not None and limit and own.added >= STABILITY.share * gain and own.log_p > STABILITY.change_log_p:
+        # a walk that explains more than the change does may be what the change leaves: which, one session cannot tell
+        return replace(own.stability, limit=np.inf, beside_walk=True)
     return None
 
 

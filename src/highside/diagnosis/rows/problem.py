@@ -196,6 +196,11 @@ class RowsProblem(Problem[RotationNoise]):
         changed = changing_instead(self, selection, term)
         return found if changed is None else changed
 
+    def mean_square_left(self, selection: SelectionState[RotationNoise]) -> float | None:
+        space = selection.selector.space_with(selection.terms)
+        left = outside(space, selection.selector.residual)
+        return float(left @ left) / max(left.size - len(space), 1)
+
     def over_parts(self, selection: SelectionState[RotationNoise], term: Term, excess: float = 1.0) -> Stability | None:
         """Whether a size agrees over parts of the rows; between blocks it varies by `excess` times white noise."""
         others = [o for o in selection.terms if o != term]

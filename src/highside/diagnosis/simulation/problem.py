@@ -155,11 +155,6 @@ class SimulationProblem(RowsProblem):
     def stability(self, selection: SelectionState[RotationNoise], term: Term) -> Stability | None:
         return stability_beside(self, selection, term)
 
-    def mean_square_left(self, selection: SelectionState[RotationNoise]) -> float | None:
-        space = selection.selector.space_with(selection.terms)
-        left = outside(space, selection.selector.residual)
-        return float(left @ left) / max(left.size - len(space), 1)
-
     def steady(
         self, selection: SelectionState[RotationNoise], terms: list[Term]
     ) -> tuple[list[Term], dict[str, Stability]]:
