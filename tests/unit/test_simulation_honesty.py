@@ -177,3 +177,10 @@ def test_one_factor_of_all_channels_is_a_constant_of_the_simulation(case: str, w
 
 def test_the_edge_of_a_low_pass_is_no_line() -> None:
     assert none_of("heavy", 5012).verdict == "nothing_left_out"
+
+
+def test_a_lag_of_one_kind_of_channels_has_the_columns_of_its_own_time_constant() -> None:
+    """Those of the first that is tried were taken: nothing was left to fit, an internal error."""
+    motion = study.Motion(721)
+    found = study.reported(motion, study.made("unit of rates", motion, 1e2), "white", 721, laws=False)
+    assert found.verdict != "nothing_left_out"

@@ -306,7 +306,8 @@ class SimulationProblem(RowsProblem):
         candidate, variant = self.candidates[term.candidate], self.variant(term)
         if variant.whole:
             return variant.columns
-        whole = next(v for v in candidate.variants if v.whole and v.shape == variant.shape)
+        # of a lag several time constants are tried, each with columns of its own
+        whole = next(v for v in candidate.variants if v.whole and np.isin(variant.columns, v.columns).all())
         kept = np.isin(whole.columns, variant.columns)
         return np.where(kept, whole.columns, -1)
 
