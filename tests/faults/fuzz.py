@@ -4,7 +4,8 @@
     python tests/faults/fuzz.py --report [--books FILE]
 
 Prints a table `parser | inputs | accepted | refused by name | escaped` and exits with 1 if anything escaped: another
-exception than the program's own errors, an error of more than one line, or an input that took longer than 10 s. A
+exception than the program's own errors, an error of more than one line, or an input that took longer than
+10 s of the processor. A
 parser that is not done after `--seconds` ends there; the table tells how far it came. Equal seeds give equal inputs.
 
 With `--books` what became of the inputs is kept in a file (`tests/faults/fuzzed.json` is tracked), and the next run
@@ -39,7 +40,9 @@ from parsers import Bench, Parser, all_parsers  # noqa: E402
 from highside.errors import HighsideError  # noqa: E402
 
 LONGEST_S = 10
-"""for one input; what takes longer is an escape: a service would be ended by its watchdog"""
+"""of the processor for one input; what takes longer is an escape: a service would be ended by its watchdog"""
+STUCK_S = 300
+"""for one input, waiting included: a parser that waits for ever; a busy machine may take 10 s from an idle process"""
 BOOKS = Path(__file__).with_name("fuzzed.json")
 KEPT_S = 60.0
 """Seconds after which the books are written again"""
@@ -73,12 +76,18 @@ def alarm() -> Iterator[None]:
     def ring(_signal: int, _frame: FrameType | None) -> None:
         raise TooLongError
 
-    before = signal.signal(signal.SIGALRM, ring)
+    before = {number: signal.signal(number, ring) for number in (signal.SIGALRM, signal.SIGPROF)}
     try:
         yield
     finally:
-        signal.alarm(0)
-        signal.signal(signal.SIGALRM, before)
+        _set_alarms(0, 0)
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _set_alarms(computing_s: float, waiting_s: int) -> None:
+    signal.setitimer(signal.ITIMER_PROF, computing_s)
+    signal.alarm(waiting_s)
 
 
 def fuzz(parser: Parser, inputs: int, seed: int, seconds: float = 1e9, first: int = 0) -> Tally:
@@ -92,9 +101,9 @@ def fuzz(parser: Parser, inputs: int, seed: int, seconds: float = 1e9, first: in
                 break
             data = parser.make(random.Random(f"{seed} {parser.name} {number}"))
             tally.inputs += 1
-            signal.alarm(LONGEST_S)
+            _set_alarms(LONGEST_S, STUCK_S)
             _one(parser, data, tally)
-            signal.alarm(0)
+            _set_alarms(0, 0)
     tally.seconds = time.process_time() - computed
     return tally
 

@@ -17,7 +17,7 @@ __all__ = ["ListedSurveys", "list_surveys"]
 
 @dataclass(frozen=True)
 class ListedSurveys:
-    """A survey list."""
+    """Surveys by measured depth, with what could not be listed and why."""
 
     table: SurveyList
     """`md_m, inc_deg, azi_deg, tf_deg` and, where every azimuth is known, `tvd_m, north_m, east_m, dls_deg_30m`"""

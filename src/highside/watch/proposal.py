@@ -12,12 +12,12 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from highside import __version__
 from highside.arrays import Array
 from highside.calibration.in_hole import IN_HOLE, moved
 from highside.calibration.record import CalibrationRecord, canonical, content_id, parse_record, to_utc
 from highside.errors import InputError
 from highside.reading import parse_json
+from highside.version import __version__
 from highside.watch.parameters import CALIBRATION, MATRIX, NAMES, OFFSETS, global_zone
 
 __all__ = ["Said", "propose", "read_said"]
