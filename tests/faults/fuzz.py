@@ -5,8 +5,8 @@
 
 Prints a table `parser | inputs | accepted | refused by name | escaped` and exits with 1 if anything escaped: another
 exception than the program's own errors, an error of more than one line, or an input that took longer than 10 s of the
-processor. A parser that is not done after `--seconds` ends there; the table tells how far it came. Equal seeds give equal
-inputs.
+processor. A parser that is not done after `--seconds` ends there; the table tells how far it came. Equal seeds give
+equal inputs.
 
 With `--books` what became of the inputs is kept in a file (`tests/faults/fuzzed.json` is tracked), and the next run
 with the same seed goes on behind the last input of this one: what takes hours can be spread over nights. An

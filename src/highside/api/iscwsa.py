@@ -51,7 +51,9 @@ class ErrorModel:
         }  # fmt: skip
         terms = [_term(self.cal_id, one) for one in self.found.terms]
         if into is not None:
-            kept = [one for one in into["terms"] if one.get("name") not in {term["name"] for term in terms}]
+            # a list: a name of another type than text is none of ours, and cannot be looked up in a set
+            ours_by_name = [term["name"] for term in terms]
+            kept = [one for one in into["terms"] if one.get("name") not in ours_by_name]
             standard = sum(one.standard for one in self.found.terms)
             if len(into["terms"]) - len(kept) < standard:
                 raise InputError(
