@@ -181,6 +181,14 @@ def a_stage(calibration: highside.Calibration, saved: SavedWatch | None = None) 
     return WatchStage(WatchSettings(), Watched(calibration.record, 1.0, 1e-5), saved)
 
 
+def test_a_record_read_again_is_watched_as_the_same(calibration: highside.Calibration) -> None:
+    # a reload reads the file anew: other arrays, the same record
+    again = parse_record(calibration.record.to_json().encode(), where="record")
+    assert again is not calibration.record
+    assert Watched(again, 1.0, 1e-4) == Watched(calibration.record, 1.0, 1e-4)
+    assert Watched(again, 1.0, 1e-4) != Watched(calibration.record, 1.001, 1e-4)
+
+
 def test_an_attitude_is_flagged_where_its_error_exceeds_two_of_its_sigmas(calibration: highside.Calibration) -> None:
     stage = a_stage(calibration)
     g = (0.5, 0.0, float(np.sqrt(0.75)))

@@ -39,15 +39,25 @@ SAME_CLOCK_S, SAME_CLOCK_SHARE = 5.0, 0.02
 """how far the tool's time may be from the host's over a break, for the tool not to have been switched off"""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Watched:
-    """What a watch is of."""
+    """What a watch is of. Two are equal where record (by its id) and gravity are: a record read again holds arrays."""
 
     record: CalibrationRecord
     gravity: float
     """of the site in units of the corrected readings"""
     gravity_std: float
     """the same units"""
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Watched) and self._key == other._key
+
+    def __hash__(self) -> int:
+        return hash(self._key)
+
+    @property
+    def _key(self) -> tuple[str, float, float]:
+        return self.record.id, self.gravity, self.gravity_std
 
 
 def claim_key(claim: WatchClaim) -> str:
