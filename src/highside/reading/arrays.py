@@ -86,5 +86,14 @@ def check_zip(data: bytes, *, where: str) -> None:
         raise InputError(f"is a damaged archive ({error})", where=where, remedy="give the right file") from None
 
 
+def zip_member(data: bytes, name: str) -> bytes | None:
+    """A member of an archive that `check_zip` has passed; None where there is none, or it is damaged."""
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            return archive.read(name)
+    except (KeyError, *DAMAGED):
+        return None
+
+
 def _no_array(why: str, where: str) -> InputError:
     return InputError(f"is no NumPy array ({why})", where=where, remedy="give the right file")

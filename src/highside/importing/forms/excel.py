@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import contextlib
 import datetime
 import io
 import re
 import sys
-import zipfile
 from collections import Counter
 from collections.abc import Sequence
 from typing import Any
@@ -18,7 +16,7 @@ from highside.errors import InputError
 from highside.importing.core.source import SourceColumn, SourceTable
 from highside.importing.core.units import unit_named
 from highside.importing.forms.missing import damaged, not_installed
-from highside.reading.arrays import DAMAGED, check_zip
+from highside.reading.arrays import check_zip, zip_member
 from highside.reading.files import allowed_bytes
 from highside.reading.table import MAX_COLUMNS
 
@@ -57,9 +55,7 @@ def read_excel(data: bytes, where: str, stem: str) -> tuple[SourceTable, ...]:
 
 def _sheets(data: bytes) -> int:
     """As many as the list of sheets names, before each is looked for."""
-    with contextlib.suppress(KeyError, *DAMAGED), zipfile.ZipFile(io.BytesIO(data)) as archive:
-        return len(_SHEET.findall(archive.read(_LIST)))
-    return 0
+    return len(_SHEET.findall(zip_member(data, _LIST) or b""))
 
 
 def _cells(sheet: Any, where: str) -> list[tuple[Any, ...]]:

@@ -5,12 +5,9 @@ The types define what their fields are and in which units: m/s2 and rad/s. Value
 
 from __future__ import annotations
 
-import bz2
 import contextlib
-import importlib
 import io
 import tempfile
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +16,7 @@ import numpy as np
 from highside.errors import InputError
 from highside.importing.core.source import SourceColumn, SourceTable, number_column
 from highside.importing.forms.missing import damaged, not_installed
-from highside.reading.expansion import refuse_expansion
+from highside.reading.expansion import bounded_unpacking
 from highside.reading.files import allowed_bytes
 from highside.reading.table import MAX_COLUMNS
 
@@ -29,7 +26,6 @@ IMU = "sensor_msgs/msg/Imu"
 _AXES = "xyz"
 _DEEPEST = 16
 """types within types"""
-_PIECE = 1 << 20
 _ULOG_TRIADS = {
     "sensor_combined": (("accelerometer_m_s2[{}]", "a"), ("gyro_rad[{}]", "g")),
     "sensor_accel": (("{}", "a"),),
@@ -138,7 +134,7 @@ def read_rosbag(data: bytes, where: str, stem: str) -> tuple[SourceTable, ...]:
             path.write_bytes(data)
             with Reader(path) as bag:
                 for place, chunk in list(bag.chunks.items()):
-                    unpack = _bounded_unpacking(chunk.decompressor, len(data), where)
+                    unpack = bounded_unpacking(chunk.decompressor, len(data), where)
                     bag.chunks[place] = chunk._replace(decompressor=unpack)
                 for connection, _, raw in bag.messages():
                     size += len(raw)
@@ -153,28 +149,6 @@ def read_rosbag(data: bytes, where: str, stem: str) -> tuple[SourceTable, ...]:
     except Exception as error:
         raise damaged("ROS bag", error, where) from None
     return _imu_tables(topics, others, "ROS 1 bag", where)
-
-
-def _bounded_unpacking(unpack: Callable[[bytes], bytes], size: int, where: str) -> Callable[[bytes], bytes]:
-    """The same, in pieces that are counted: what a chunk says of itself binds nobody. `size`: bytes of the file."""
-    if unpack is bz2.decompress:
-        streams: Callable[[], Any] = bz2.BZ2Decompressor
-    elif unpack.__module__.startswith("lz4"):
-        streams = importlib.import_module("lz4.frame").LZ4FrameDecompressor
-    else:
-        return unpack
-
-    def bounded(packed: bytes) -> bytes:
-        stream, pieces, count, given = streams(), list[bytes](), 0, packed
-        while not stream.eof:
-            pieces.append(stream.decompress(given, max_length=_PIECE))
-            count, given = count + len(pieces[-1]), b""
-            refuse_expansion(count, size, where=where)
-            if not pieces[-1] and stream.needs_input:
-                raise EOFError("a chunk is not whole")
-        return b"".join(pieces)
-
-    return bounded
 
 
 def ros_store(encoding: str) -> Any:
