@@ -398,6 +398,9 @@ def shows_plots(it: Installed, _root: Path, data: Path, folder: Path) -> None:
     )
     assert 100_000 < (folder / "plot.html").stat().st_size < 1_000_000
     assert it.has("narwhals")
+
+
+def brings_no_pandas(it: Installed, _root: Path, _data: Path, _folder: Path) -> None:
     assert not it.has("pandas")
 
 
@@ -459,7 +462,7 @@ EXTRAS: dict[str, tuple[Does, ...]] = {
     "export": (exports,),
     "import": (imports, exports),
     "frames": (takes_frames,),
-    "notebook": (shows_plots, draws),
+    "notebook": (shows_plots, draws, brings_no_pandas),
     "sign": (signs,),
     "survey": (lists_surveys,),
     "fast": (compiles,),

@@ -72,6 +72,8 @@ class WatchKeeper:
         self._wake = asyncio.Event()
         self._dirty = False
         """something is known that is not on the disk"""
+        self._commanded = False
+        """a command was obeyed that is not on the disk: what a person said is kept at once"""
         self._news = True
         self.figures: dict[str, float | None] = {}
         """for WITS: the newest, the same dict always"""
@@ -204,7 +206,7 @@ class WatchKeeper:
             now = time.monotonic()
             if self._news and now - self._published_s >= settings.interval_s:
                 self.publish()
-            if self._dirty and now - self._saved_s >= settings.save_interval_s:
+            if self._dirty and (self._commanded or now - self._saved_s >= settings.save_interval_s):
                 await self._save()
 
     async def _work(self, stage: WatchStage) -> None:
@@ -236,7 +238,7 @@ class WatchKeeper:
         if stage is None:
             return
         self._saved_s = time.monotonic()
-        self._dirty = False
+        self._dirty = self._commanded = False
         stamp = Stamp.now(synced=clock_synced())
 
         def keep() -> None:
@@ -293,9 +295,12 @@ class WatchKeeper:
         if stage is None:
             return f"nothing is watched: {parts.why_not or 'set watch.enabled = true'}"
         if command.command == "acknowledge":
-            return stage.acknowledge()
+            why_not = stage.acknowledge()
+            self._commanded = self._commanded or why_not is None
+            return why_not
         stage.begin_again()
         self._fault = None
+        self._commanded = True
         return None
 
 
