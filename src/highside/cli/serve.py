@@ -45,6 +45,7 @@ def serve(
         ending = asyncio.Event()
         loop = asyncio.get_running_loop()
         for number in (signal.SIGINT, signal.SIGTERM):
+            # Windows' event loop has no signal handlers: there Ctrl-C ends it by KeyboardInterrupt
             with contextlib.suppress(NotImplementedError):
                 loop.add_signal_handler(number, ending.set)
         try:
