@@ -8,6 +8,7 @@ from __future__ import annotations
 import itertools
 import json
 import signal
+import subprocess
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -17,7 +18,7 @@ import numpy as np
 import paho.mqtt.client as mqtt
 import pytest
 from broker import Mosquitto
-from daemon import Daemon, Pty, Subscriber, running, wait_for
+from daemon import HIGHSIDE, Daemon, Pty, Subscriber, running, wait_for
 
 import highside
 from highside.arrays import Array
@@ -34,6 +35,9 @@ STANDS, STEP_AT, STEP_G = 30, 6, 2e-3
 RATE_HZ = 25
 ROWS = 150 * RATE_HZ
 """of a stand"""
+HOLDS, AGAIN = 8, 4
+"""stands under the proposal, and under the record of before after it was taken back"""
+LATER = HOLDS + AGAIN
 
 
 @pytest.fixture
@@ -46,6 +50,14 @@ def broker(tmp_path: Path) -> Iterator[Mosquitto]:
 def well() -> dict[str, Array]:
     step = {"step_g": (STEP_G, 0.0, 0.0), "step_at": STEP_AT}
     return rows_of_a_well(3, stands=STANDS, inclinations_deg=(5.0, 85.0), rate_hz=RATE_HZ, **step)  # type: ignore[arg-type]
+
+
+@pytest.fixture(scope="module")
+def longer_well(well: dict[str, Array]) -> dict[str, Array]:
+    """The same tool goes on, its offset where the shock left it, while the inclination falls to 25 deg again."""
+    on = rows_of_a_well(3, stands=LATER, inclinations_deg=(85.0, 25.0), rate_hz=RATE_HZ, step_g=(STEP_G, 0.0, 0.0))
+    on["t_s"] = on["t_s"] + 1800.0 * STANDS
+    return {name: np.concatenate([well[name], on[name]]) for name in well}
 
 
 @pytest.fixture(scope="module")
@@ -160,6 +172,30 @@ def flagged(ear: Subscriber) -> list[bool]:
     return ["calibration_departs" in AttitudeMessage.model_validate(one).flags for one in ear.payloads("attitude")]
 
 
+def in_force(ear: Subscriber) -> str | None:
+    health = ear.latest("health")
+    return None if health is None else health["calibration"]["cal_id"]
+
+
+def reload(daemon: Daemon, ear: Subscriber, cal_id: str) -> None:
+    """SIGHUP, and wait until that record is in force."""
+    daemon.process.send_signal(signal.SIGHUP)
+    wait_for(lambda: in_force(ear) == cal_id, 20.0, f"record {cal_id[:12]} in force", daemon)
+
+
+def highside_says(*arguments: object, status: int = 0) -> str:
+    done = subprocess.run(
+        [str(HIGHSIDE), *map(str, arguments)], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert done.returncode == status, done.stdout + done.stderr
+    assert "Traceback" not in done.stderr
+    return done.stdout + done.stderr
+
+
+def saved_stills(file: Path) -> int:
+    return int(json.loads(file.read_text())["state"]["facts"]["stills"])
+
+
 def acknowledged_on_disk(file: Path) -> bool:
     return bool(json.loads(file.read_text())["state"]["acknowledged"])
 
@@ -232,6 +268,103 @@ def test_a_shock_that_leaves_an_offset_is_said_flagged_and_outlives_a_kill(
     finally:
         operator.close()
         ear.close()
+
+
+@pytest.mark.timeout(300)
+def test_a_person_puts_the_proposal_in_force_and_takes_it_back_while_the_service_runs(
+    tmp_path: Path, broker: Mosquitto, longer_well: dict[str, Array], calibration: highside.Calibration, store: Path
+) -> None:
+    """Learning, holds, departs; proposed, activated, holds under it; rolled back, departs again. Nothing is lost."""
+    tool = Tool(longer_well)
+    path = config(tmp_path, tool, broker, store)
+    state, proposed = tmp_path / "state" / "watch.json", tmp_path / "proposed.json"
+    ear = Subscriber(broker.port)
+    first = calibration.record.id
+    try:
+        with running(path) as daemon:
+            wait_for(lambda: watch(ear), 60.0, "the first word of the watch", daemon)
+            # too soon: nothing is proposed, and nothing written
+            tool.stands(0, STEP_AT)
+            assert after(ear, daemon, STEP_AT, STEP_AT - 1).verdict == "holds"
+            wait_for(lambda: state.exists() and saved_stills(state) == STEP_AT, 10.0, "a saved state", daemon)
+            refused = highside_says("watch", "propose", state, "--store", store, "-o", proposed, status=2)
+            assert "nothing departs (holds)" in refused
+            tool.stands(STEP_AT, STEP_AT + 1)
+            said = after(ear, daemon, STEP_AT + 1, STEP_AT)
+            assert said.verdict == "departs"
+            assert len(said.claims[0].equivalence_class) > 1
+            wait_for(lambda: saved_stills(state) == STEP_AT + 1, 10.0, "a saved state", daemon)
+            refused = highside_says("watch", "propose", state, "--store", store, "-o", proposed, status=2)
+            assert "not told apart by the attitudes seen" in refused
+            assert not proposed.exists()
+
+            # the build of the hole names it
+            tool.stands(STEP_AT + 1, STANDS)
+            said = after(ear, daemon, STANDS, STANDS - 1)
+            (claim,) = said.claims
+            assert (claim.effect, claim.parameter, claim.equivalence_class) == ("bias_step", "b_x", ["b_x"])
+            # at the last turn: the worst toolface by what it states, arcsin of the offset
+            assert claim.error is not None
+            assert abs(claim.error.tf_sin_inc_deg) == pytest.approx(np.degrees(STEP_G), rel=0.2)
+            assert abs(claim.size - STEP_G) < 4.0 * claim.std
+            wait_for(lambda: saved_stills(state) == STANDS, 10.0, "a saved state", daemon)
+            assert "not in force" in highside_says("watch", "propose", state, "--store", store, "-o", proposed)
+            record = highside.Calibration.load(proposed).record
+            assert (record.content["valid"], record.content["parent"]) == ("in-hole", first)
+            assert in_force(ear) == first
+            reload(daemon, ear, first)
+            assert (again := watch(ear)) is not None
+            assert (again.verdict, again.cal_id) == ("departs", first)
+
+            # a person puts it in force
+            highside_says("calibrate", "activate", proposed, "--store", store)
+            reload(daemon, ear, record.id)
+            said = wait_for(lambda: (w := watch(ear)) and w.cal_id == record.id and w, 10.0, "the new watch", daemon)
+            assert said.began == f"began anew: the calibration is another one ({record.id[:12]})"
+            assert (said.verdict, said.stills, said.claims) == ("learning", 0, [])
+            wait_for(lambda: "calibration_departs" not in alarms(ear), 10.0, "the end of the alarm", daemon)
+            tool.stands(STANDS, STANDS + HOLDS)
+            said = after(ear, daemon, HOLDS, HOLDS - 1)
+            assert said.verdict == "holds"
+            assert abs(said.parameters["b_x"].value) < 4.0 * said.parameters["b_x"].std
+            ours = [
+                one for one in map(AttitudeMessage.model_validate, ear.payloads("attitude")) if one.cal_id == record.id
+            ]
+            assert len(ours) > 10
+            assert not any("calibration_departs" in one.flags for one in ours)
+
+            # and takes it back: the record of before does not fit the tool any more
+            highside_says("calibrate", "rollback", "--store", store, "--tool", "HS-1")
+            reload(daemon, ear, first)
+            said = wait_for(
+                lambda: (w := watch(ear)) and w.cal_id == first and w.stills == 0 and w, 10.0, "anew", daemon
+            )
+            assert said.verdict == "learning"
+            tool.stands(STANDS + HOLDS, STANDS + LATER)
+            said = after(ear, daemon, AGAIN, AGAIN - 1)
+            assert said.verdict == "departs"
+            assert "b_x" in said.claims[0].equivalence_class
+            wait_for(lambda: "calibration_departs" in alarms(ear), 10.0, "the alarm", daemon)
+
+            # nothing was lost over two changes of the record, and the books are balanced
+            wait_for(lambda: (h := ear.latest("health")) and h["monitor"]["received"] == tool.sent, 20.0, "all", daemon)
+            health = ear.latest("health")
+            assert health is not None
+            assert health["monitor"]["out_of_range"] == tool.shocks == 1
+            assert health["monitor"]["gap"] == health["watch"]["dropped"] == 0
+            assert health["codec"]["bytes_junk"] == 0
+            assert all(health["balance"].values())
+            assert health["reload"] == {"count": 3, "refused": None}
+            assert daemon.terminate() == 0
+            assert "Traceback" not in daemon.log
+        wait_for(lambda: any(t.endswith("/status") and p == b"offline" for t, p, *_ in ear.drain()), 10.0, "the end")
+        seqs = [one["seq"] for one in ear.payloads("attitude")]
+        assert seqs == list(range(seqs[0], seqs[0] + len(seqs)))
+        history = [(one.action, one.record_id) for one in CalibrationStore(store).history("HS-1")]
+        assert history == [("activate", first), ("activate", record.id), ("rollback", first)]
+    finally:
+        ear.close()
+        tool.pty.close()
 
 
 def test_a_damaged_state_is_set_aside_and_said(tmp_path: Path, broker: Mosquitto, tool: Tool, store: Path) -> None:
