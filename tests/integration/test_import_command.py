@@ -132,6 +132,6 @@ def test_the_commands_of_the_page_are_taken_by_the_parser(project_root: Path) ->
     command = typer.main.get_command(app).commands["import"]  # type: ignore[attr-defined]
     page = (project_root / "docs" / "import.md").read_text()
     lines = re.findall(r"^highside import (.*)$", page, re.MULTILINE)
-    assert len(lines) == 9
+    assert len(lines) == 10
     for line in lines:
         command.make_context("import", shlex.split(line))

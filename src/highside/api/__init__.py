@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from highside.api.confirmation import Confirmation, confirm
     from highside.api.diagnosis import Diagnosis, diagnose, diagnose_table
     from highside.api.gyro import Drift, drift
-    from highside.api.importing import ImportProposal, import_recording, inspect_import
+    from highside.api.importing import ImportProposal, import_poses, import_recording, inspect_import
     from highside.api.iscwsa import ErrorModel, error_model
     from highside.api.learning import new_effect
     from highside.api.recording import Recording
@@ -102,6 +102,7 @@ __all__ = [
     "fit_rotation",
     "fit_self",
     "fit_turntable",
+    "import_poses",
     "import_recording",
     "inspect_import",
     "list_surveys",
@@ -156,6 +157,7 @@ _HOMES = {
     "fit_rotation": "highside.api.rotation",
     "fit_self": "highside.api.turntable",
     "fit_turntable": "highside.api.turntable",
+    "import_poses": "highside.api.importing",
     "import_recording": "highside.api.importing",
     "inspect_import": "highside.api.importing",
     "list_surveys": "highside.api.survey_list",

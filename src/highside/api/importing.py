@@ -21,10 +21,10 @@ if TYPE_CHECKING:
     from highside.importing.core.wishes import Wishes
     from highside.importing.joins import Carried, Joins
 
-__all__ = ["ImportProposal", "import_recording", "inspect_import", "propose_import", "write_imported"]
+__all__ = ["ImportProposal", "import_poses", "import_recording", "inspect_import", "propose_import", "write_imported"]
 
 OPTION = re.compile(
-    r"--(map|units|axes|rate|table|part|profile|lag|reference|yes)\b(?: (?!takes|says)([^\s;]*[^\s;,]))?"
+    r"--(map|units|axes|rate|table|part|poses|profile|lag|reference|yes)\b(?: (?!takes|says)([^\s;]*[^\s;,]))?"
 )
 """an option of `highside import` as its words name it, and its value"""
 ARGUMENTS = {"map": "mapping", "rate": "rate_hz", "lag": "lag_s", "yes": "accept"}
@@ -63,8 +63,22 @@ class ImportProposal:
     def read(self, *, accept: bool = False) -> Recording:
         """The Recording of N rows. What rests on values alone is used only with `accept`; what is open never.
 
-        Raises InputError that says which argument decides it.
+        Raises InputError that says which argument decides it, and for a table of poses.
         """
+        table, notes = self._accepted(accept)
+        if isinstance(table, tables.PoseTable):
+            raise InputError("is a table of poses", where=table.source, remedy="import_poses reads it, or give rate_hz")
+        return Recording.of(table, notes)
+
+    def read_poses(self, *, accept: bool = False) -> tables.PoseTable:
+        """The pose table of N rows, one a pose; as `read`. Raises InputError for a recording, too."""
+        table, _ = self._accepted(accept)
+        if not isinstance(table, tables.PoseTable):
+            raise InputError("is a recording", where=table.source, remedy="import_recording reads it, or give poses")
+        return table
+
+    def _accepted(self, accept: bool) -> tuple[tables.Recording | tables.PoseTable, tuple[str, ...]]:
+        """What was read, and what each column was taken for. Raises InputError that says which argument decides it."""
         from highside.importing.files import refuse_doubts, refuse_open
 
         with _as_arguments():
@@ -74,7 +88,7 @@ class ImportProposal:
                 raise self._carried
             refuse_doubts(self._carried.doubts, self._proposal.table.where, accepted=accept)
         taken = [f"{ours} is {column} ({unit}, {sure}): {why}" for ours, column, unit, sure, why in self.rows]
-        return Recording.of(self._carried.recording, (*taken, *self.remarks))
+        return self._carried.recording, (*taken, *self.remarks)
 
     def __str__(self) -> str:
         table = [("column", "from", "unit", "", "evidence"), *self.rows]
@@ -107,16 +121,17 @@ def inspect_import(
     table: str | None = None,
     part: int | None = None,
     profile: str | None = None,
+    poses: bool = False,
 ) -> ImportProposal:
     """What a file of another program seems to hold: its columns as `t_s`, `ax_g`, ..., units, times and axes, with the
     evidence, before any of it is used.
 
-    `file`, `mapping`, `units`, `axes`, `rate_hz`, `table`, `part` and `profile` as for `import_recording`. Raises
-    InputError for a file that cannot be read.
+    `file`, `mapping`, `units`, `axes`, `rate_hz`, `table`, `part` and `profile` as for `import_recording`; `poses`:
+    each row is a pose. Raises InputError for a file that cannot be read.
     """
     from highside.importing.core.wishes import Wishes
 
-    wishes = Wishes(dict(mapping or {}), tuple(units), axes, rate_hz, table, part)
+    wishes = Wishes(dict(mapping or {}), tuple(units), axes, rate_hz, table, part, poses=poses)
     return _inspected(Path(file), wishes, None, profile)
 
 
@@ -176,6 +191,28 @@ def import_recording(
     return _inspected(Path(file), wishes, joins, profile).read(accept=accept)
 
 
+def import_poses(
+    file: str | os.PathLike[str],
+    *,
+    mapping: Mapping[str, str] | None = None,
+    units: Sequence[str] = (),
+    axes: str | None = None,
+    table: str | None = None,
+    profile: str | None = None,
+    accept: bool = False,
+) -> tables.PoseTable:
+    """A pose table of N rows, one a pose, out of a table of another program: the bench's `inc_ref_deg` and
+    `tf_ref_deg`, the mean readings `ax`, `ay`, `az` in g, and what else it holds.
+
+    `file`, `mapping`, `units`, `axes`, `table`, `profile` and `accept` as for `import_recording`. Standard deviations
+    named `std_ax`, `std_ay`, `std_az` have the unit of the readings. Raises InputError that says which argument decides
+    what is open.
+    """
+    return inspect_import(
+        file, mapping=mapping, units=units, axes=axes, table=table, profile=profile, poses=True
+    ).read_poses(accept=accept)
+
+
 def propose_import(
     file: Path, wishes: Wishes, joins: Joins | None, profile: str | None
 ) -> tuple[Proposal, Wishes, Joins, bool]:
@@ -209,7 +246,7 @@ def rows_of(proposal: Proposal) -> list[tuple[str, str, str, str, str]]:
     return [*rows, ("axes", "", proposal.axes.axes, "given" if proposal.axes_given else "", why)]
 
 
-def write_imported(recording: tables.Recording, target: Path) -> None:
+def write_imported(recording: tables.Recording | tables.PoseTable, target: Path) -> None:
     """Write as the name of the file says: Parquet, or CSV. Raises InputError."""
     from highside.recording.export import export
     from highside.recording.export_format import ExportFormat

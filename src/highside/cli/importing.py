@@ -24,7 +24,9 @@ def import_file(
     file: Annotated[
         Path, typer.Argument(help="A recording of another program: CSV, Excel, Parquet, MATLAB, HDF5, MCAP, PX4, ROS.")
     ],
-    output: Annotated[Path, typer.Option("-o", "--output", help="Recording to write: .csv, .csv.gz or .parquet.")],
+    output: Annotated[
+        Path, typer.Option("-o", "--output", help="Recording or pose table to write: .csv, .csv.gz or .parquet.")
+    ],
     mapping: Annotated[
         list[str] | None, typer.Option("--map", metavar="NAME=COLUMN[:UNIT]", help="Say what a column is; repeatable.")
     ] = None,
@@ -36,6 +38,9 @@ def import_file(
     table: Annotated[
         str | None, typer.Option("--table", help="Which sheet, topic or array of a file with several.")
     ] = None,
+    poses: Annotated[
+        bool, typer.Option("--poses", help="Each row is a pose: bench angles and mean readings, no time.")
+    ] = False,
     part: Annotated[
         int | None, typer.Option("--part", help="Which part of a file whose clock began again, from 1.")
     ] = None,
@@ -63,11 +68,12 @@ def import_file(
     ] = None,
     yes: Annotated[bool, typer.Option("--yes", help="Take what is shown without a question.")] = False,
 ) -> None:
-    """Turn a recording of another program into a Recording: columns, units, time and axes with their evidence."""
+    """Turn a recording of another program into a Recording, a table of poses into a pose table: columns, units, time
+    and axes with their evidence."""
     from highside.importing.joins import Joins
 
     texts = tuple(text.strip() for text in (units or "").split(",") if text.strip())
-    wishes = Wishes(parse_mapping(mapping or []), texts, axes, rate_hz, table, part)
+    wishes = Wishes(parse_mapping(mapping or []), texts, axes, rate_hz, table, part, poses=poses)
     theirs = Wishes(parse_mapping(reference_map or []), texts)
     joins = Joins.of(tuple(join or ()), tuple(reference or ()), theirs, take, _lag_s(lag))
     _import(file, output, wishes, joins, profile, yes=yes)
@@ -100,9 +106,9 @@ def _import(file: Path, output: Path, wishes: Wishes, joins: Joins, profile: str
         echo(f"  kept as profile {profile}: {where}", err=True)
         for rule in joined_by(joined, file):
             echo(f"  it joins {rule}", err=True)
-    echo(
-        f"{output}: {carried.recording.n} of {proposal.table.n} rows, {len(carried.recording.order)} columns", err=True
-    )
+    rows = "poses" if proposal.poses else "rows"
+    done, columns = carried.recording.n, len(carried.recording.order)
+    echo(f"{output}: {done} of {proposal.table.n} {rows}, {columns} columns", err=True)
 
 
 def _lag_s(text: str | None) -> float | None:

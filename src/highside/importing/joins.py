@@ -12,11 +12,12 @@ from highside.codec.axes import AxisMap
 from highside.errors import InputError
 from highside.importing.core.axes import axes_by_reference
 from highside.importing.core.joining import joined
+from highside.importing.core.poses import poses_of
 from highside.importing.core.proposal import ACCELERATIONS, Doubt, Proposal, propose
 from highside.importing.core.recording import ImportedRecording, recording_of, turn
 from highside.importing.core.wishes import NOTHING, Taken, Wishes
 from highside.importing.files import open_foreign
-from highside.recording.table import Recording
+from highside.recording.table import PoseTable, Recording
 
 _REFERENCE = ("inc_ref_deg", "tf_ref_deg")
 
@@ -58,10 +59,10 @@ class Joins:
 
 @dataclass(frozen=True, slots=True)
 class Carried:
-    """A Recording with what was joined, what was found in its rows, its axes in those of the file, and what must be
-    confirmed."""
+    """A Recording with what was joined (or a pose table, to which nothing is), what was found in its rows, its axes in
+    those of the file, and what must be confirmed."""
 
-    recording: Recording
+    recording: Recording | PoseTable
     findings: tuple[str, ...]
     axes: str
     doubts: tuple[Doubt, ...] = ()
@@ -98,6 +99,12 @@ def carry_out(
 
     Raises InputError for rows without times, clocks that nothing compares, and axes that agree with no reference.
     """
+    if proposal.poses:
+        if others:
+            what = "a table of poses takes no second file: its rows have no times to join them by"
+            raise InputError(what, where=proposal.table.where, remedy="leave out --reference and --join")
+        poses, found = poses_of(proposal)
+        return Carried(poses, (*proposal.table.remarks, *found), proposal.axes.axes)
     first = recording_of(proposal)
     recording, doubts, axes = first.recording, [], proposal.axes.axes
     findings = [second.by for second in joins.seconds if second.by]

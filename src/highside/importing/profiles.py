@@ -31,6 +31,7 @@ _FIELDS: _Kinds = {
     "axes": str,
     "table": str,
     "rate_hz": (int, float),
+    "poses": bool,
     "take": str,
     "lag": (str, int, float),
     "reference": list,
@@ -106,6 +107,7 @@ def load(name: str) -> Profile | None:
         found.get("axes"),
         None if rate is None else float(rate),
         found.get("table"),
+        poses=found.get("poses", False),
     )
     taken = found.get("take")
     if taken is not None and taken not in list(Taken):
@@ -121,7 +123,7 @@ def load(name: str) -> Profile | None:
 def _check(found: Mapping[str, object], fields: _Kinds, where: str) -> None:
     for key, value in found.items():
         kind = fields.get(key)
-        if kind is None or not isinstance(value, kind) or isinstance(value, bool):
+        if kind is None or not isinstance(value, kind) or isinstance(value, bool) is not (kind is bool):
             raise InputError("is no field of a profile", where=where, field=key, remedy="take it out")
 
 
@@ -160,6 +162,8 @@ def store(
         lines.append(f"rate_hz = {proposal.rate_hz!r}")
     if wishes.table is not None:
         lines.append(f"table = {_quoted(wishes.table)}")
+    if proposal.poses:
+        lines.append("poses = true")
     lines.append(f"axes = {_quoted(axes)}")
     if joins.taken is not None:
         lines.append(f"take = {_quoted(joins.taken)}")
@@ -208,6 +212,7 @@ def merged(profile: Wishes, wishes: Wishes) -> Wishes:
         wishes.table or profile.table,
         wishes.part,
         wishes.reference,
+        wishes.poses or profile.poses,
     )
 
 

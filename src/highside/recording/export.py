@@ -16,7 +16,7 @@ import numpy as np
 from highside.errors import InputError
 from highside.recording.export_format import ExportFormat
 from highside.recording.files import write_whole
-from highside.recording.table import Recording
+from highside.recording.table import Recording, Table
 
 TOPIC = "/frame"
 ROWS_AT_ONCE = 4096
@@ -34,14 +34,18 @@ _UNITS = {
 }
 
 
-def export(recording: Recording, target: Path, to: ExportFormat, progress: Progress = lambda done, total: None) -> None:
-    """Write the recording. Raises InputError if the extra is not installed or the place cannot be written."""
+def export(recording: Table, target: Path, to: ExportFormat, progress: Progress = lambda done, total: None) -> None:
+    """Write the table. Raises InputError if the extra is not installed, if the place cannot be written, and for rows
+    without times as MCAP."""
     if to is ExportFormat.CSV:
         recording.write(target)
     elif to is ExportFormat.PARQUET:
         write_whole(target, _parquet(recording, progress))
-    else:
+    elif isinstance(recording, Recording):
         write_whole(target, _mcap(recording, progress))
+    else:
+        what = "MCAP holds messages by time, and poses have none"
+        raise InputError(what, where=str(target), remedy="write .csv or .parquet")
     progress(recording.n, recording.n)
 
 
@@ -50,7 +54,7 @@ def unit_of(column: str) -> str | None:
     return _UNITS.get(column.rsplit("_", 1)[-1])
 
 
-def _parquet(recording: Recording, progress: Progress) -> bytes:
+def _parquet(recording: Table, progress: Progress) -> bytes:
     try:
         import pyarrow as pa
         import pyarrow.parquet as pq

@@ -8,6 +8,8 @@ from itertools import permutations, product
 import numpy as np
 from numpy.typing import NDArray
 
+from highside.codec.axes import AxisMap
+from highside.errors import InputError
 from highside.importing.core.policy import POLICY, ImportPolicy
 
 Block = NDArray[np.float64]
@@ -22,6 +24,17 @@ class AxesGuess:
     evidence: tuple[str, ...]
     open: str | None = None
     likely: bool = False
+
+
+def axes_given(axes: str, *, rates: bool) -> AxesGuess:
+    """What the user says. Accelerations alone may be mirrored: a left-handed sensor, or a toolface that runs the other
+    way; with `rates` a mirror is refused, for then the sense of every rotation is open. Raises InputError."""
+    if rates and AxisMap.parse(axes, allow_mirror=True).determinant < 0:
+        nothing = " ".join(f"--map g{axis}_dps=none" for axis in "xyz")
+        what = f"{axes} is a mirror: gyros would turn the other way"
+        raise InputError(what, field="--axes", remedy=f"check the signs, or {nothing}")
+    AxisMap.parse(axes, allow_mirror=True)
+    return AxesGuess(axes, ("as given",))
 
 
 def axes_by_reference(gravity: Block, inc_deg: Block, tf_deg: Block, policy: ImportPolicy = POLICY) -> AxesGuess:

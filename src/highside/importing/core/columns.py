@@ -56,6 +56,13 @@ def by_range(
     return None, (f"no unit named; {shown}",), f"its unit is not named and {shown} does not show it"
 
 
+def block_is_whole(columns: list[SourceColumn]) -> bool:
+    """Whether all numbers of these columns are whole, as counts of a converter are."""
+    return all(
+        c.numbers is not None and bool((np.isnan(c.numbers) | (c.numbers == np.rint(c.numbers))).all()) for c in columns
+    )
+
+
 def row_number(column: SourceColumn) -> bool:
     """An index that a program wrote beside the table: whole numbers one after the other, without a name of its own."""
     if (

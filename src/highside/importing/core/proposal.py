@@ -8,10 +8,9 @@ from enum import StrEnum
 
 import numpy as np
 
-from highside.codec.axes import AxisMap
 from highside.errors import InputError
-from highside.importing.core.axes import AxesGuess, axes_by_reference
-from highside.importing.core.columns import MANY, by_range, named_column, row_number, worth_as_time
+from highside.importing.core.axes import AxesGuess, axes_by_reference, axes_given
+from highside.importing.core.columns import MANY, block_is_whole, by_range, named_column, row_number, worth_as_time
 from highside.importing.core.headerless import accelerations_among, rates_among, unnamed
 from highside.importing.core.instants import is_instant
 from highside.importing.core.policy import POLICY, ImportPolicy
@@ -77,17 +76,12 @@ class Proposal:
     omitted: tuple[str, ...]
     doubts: tuple[Doubt, ...]
     part: int | None = None
+    poses: bool = False
+    """whether each row is a pose"""
 
     def guess(self, target: str) -> Guess | None:
         """The guess for a column of ours."""
         return next((guess for guess in self.guesses if guess.target == target), None)
-
-
-def block_is_whole(columns: list[SourceColumn]) -> bool:
-    """Whether all numbers of these columns are whole, as counts of a converter are."""
-    return all(
-        c.numbers is not None and bool((np.isnan(c.numbers) | (c.numbers == np.rint(c.numbers))).all()) for c in columns
-    )
 
 
 def _corrected(judged: list[tuple[UnitGuess, list[SourceColumn]]]) -> list[tuple[UnitGuess, list[SourceColumn]]]:
@@ -115,18 +109,16 @@ class _Proposing:
     doubts: list[Doubt] = field(default_factory=list)
     time: TimeReading | None = None
     other_times: set[str] = field(default_factory=set)
+    poses: bool = False
 
     def proposal(self) -> Proposal:
-        counted = counted_from_one([column.name for column in self.table.columns])
-        for column in self.table.columns:
-            name = counted.get(column.name, column.name)
-            said = meaning(name, column.unit, KNOWN, reference=self.wishes.reference)
-            self.meanings[column.name] = said
+        self.poses = self.wishes.poses
+        self.meanings = self._meanings(reference=self.wishes.reference or self.poses)
         for target, text in self.wishes.mapping.items():
             if text != NOTHING:
                 self.given[target] = named_column(self.table, target, text)
         self._time()
-        for quantity, targets in _TRIADS:
+        for quantity, targets in _TRIADS[:1] if self.poses else _TRIADS:
             self._triad(quantity, targets)
         self._single_columns()
         axes = self._axes()
@@ -145,12 +137,21 @@ class _Proposing:
             omitted,
             tuple(self.doubts),
             self.wishes.part,
+            self.poses,
         )
+
+    def _meanings(self, *, reference: bool) -> dict[str, Meaning]:
+        names = [column.name for column in self.table.columns]
+        counted = counted_from_one(names)
+        return {
+            column.name: meaning(counted.get(column.name, column.name), column.unit, KNOWN, reference=reference)
+            for column in self.table.columns
+        }
 
     # --- time -----------------------------------------------------------------------------------------------------
 
     def _time(self) -> None:
-        if self.wishes.rate_hz is not None:
+        if self.wishes.rate_hz is not None or self.poses:
             return
         if "t_s" in self.given:
             column, text = self.given["t_s"]
@@ -165,7 +166,13 @@ class _Proposing:
         found = list(self._times())
         if not found:
             stated = self.table.rate_hz
-            if stated is None:
+            as_poses = self._meanings(reference=True)
+            angles = {known.target for known in as_poses.values()}
+            if stated is None and not self.wishes.reference and angles >= {"inc_ref_deg", "tf_ref_deg"}:
+                self.poses, self.meanings = True, as_poses
+                what = "no column is a time, but each row has an inclination and a toolface: a table of poses"
+                self.doubts.append(Doubt(what, "--poses, or --rate HZ", False, "--poses"))
+            elif stated is None:
                 self.doubts.append(Doubt("no column is a time", "--rate HZ, or --map t_s=COLUMN:ms", True, "--rate HZ"))
             else:
                 what = f"no column is a time; the file says {stated:g} rows/s"
@@ -414,8 +421,7 @@ class _Proposing:
 
     def _axes(self) -> AxesGuess:
         if self.wishes.axes is not None:
-            AxisMap.parse(self.wishes.axes)
-            return AxesGuess(self.wishes.axes, ("as given",))
+            return axes_given(self.wishes.axes, rates=RATES[0] in self.guesses)
         gravity = self._vector(ACCELERATIONS)
         references = [self.guesses.get(name) for name in ("inc_ref_deg", "tf_ref_deg")]
         if gravity is None or any(guess is None or guess.unit is None for guess in references):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import operator
 import re
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -53,24 +54,30 @@ def recording_of(proposal: Proposal, policy: ImportPolicy = POLICY) -> ImportedR
         column = table.column(guess.column)
         if guess.target == "t_s" or column is None or column.numbers is None:
             continue
-        columns[guess.target] = _converted(column.numbers, guess.unit)[keep]
-        missing = np.flatnonzero(np.isnan(columns[guess.target]))
-        if missing.size:
-            shown = ", ".join(table.place(int(keep[row])) for row in missing[: policy.shown_rows])
-            more = ", ..." if missing.size > policy.shown_rows else ""
-            findings.append(f"{missing.size} rows without {guess.target}: {shown}{more}")
+        columns[guess.target] = converted(column.numbers, guess.unit)[keep]
+        findings += without_value(columns[guess.target], guess.target, lambda row: table.place(int(keep[row])), policy)
     turn(columns, AxisMap.parse(proposal.axes.axes, allow_mirror=True))
     texts: dict[str, tuple[str, ...]] = {}
     for name in proposal.kept:
         column = table.column(name)
         assert column is not None
-        safe = _safe(name, {*columns, *texts})
+        safe = safe_name(name, {*KNOWN, *columns, *texts})
         if column.numbers is not None:
             columns[safe] = np.where(np.isinf(column.numbers), np.nan, column.numbers)[keep]
         elif column.texts is not None:
             texts[safe] = tuple(column.texts[int(row)] for row in keep)
     epoch = begins_at if proposal.time is not None and proposal.time.epoch else None
     return ImportedRecording(Recording(columns, texts, source=table.where), tuple(findings), epoch)
+
+
+def without_value(numbers: Numbers, name: str, place: Callable[[int], str], policy: ImportPolicy) -> list[str]:
+    """Which rows (N,) lack a value, in a line; none if none does."""
+    missing = np.flatnonzero(np.isnan(numbers))
+    if not missing.size:
+        return []
+    shown = ", ".join(place(int(row)) for row in missing[: policy.shown_rows])
+    more = ", ..." if missing.size > policy.shown_rows else ""
+    return [f"{missing.size} rows without {name}: {shown}{more}"]
 
 
 def _times(proposal: Proposal) -> NDArray[np.int64]:
@@ -115,7 +122,8 @@ def _seconds(ns: NDArray[np.int64]) -> Numbers:
     )
 
 
-def _converted(numbers: Numbers, unit: object) -> Numbers:
+def converted(numbers: Numbers, unit: object) -> Numbers:
+    """Numbers (N,) of a file in our unit, nothing infinite."""
     from highside.importing.core.units import Unit
 
     if not isinstance(unit, Unit):
@@ -152,10 +160,10 @@ def _same(columns: tuple[SourceColumn, ...]) -> NDArray[np.bool_]:
     return same
 
 
-def _safe(name: str, taken: set[str]) -> str:
-    """A name for a column that goes over as it is: none of ours, none twice, nothing that needs quotes."""
+def safe_name(name: str, taken: Collection[str]) -> str:
+    """A name for a column that goes over as it is: none of ours or others `taken`, nothing that needs quotes."""
     safe = _UNSAFE.sub("_", name).strip("_") or "column"
-    safe = f"{safe}_file" if safe in KNOWN else safe
+    safe = f"{safe}_file" if safe in taken and safe in KNOWN else safe
     count, made = 1, safe
     while made in taken:
         count += 1

@@ -43,6 +43,8 @@ class Wishes:
     part: int | None = None
     reference: bool = False
     """whether it is joined to a recording: it need hold no accelerations, and its angles are the reference"""
+    poses: bool = False
+    """whether each row is a pose, not a moment: it needs no time, and its angles are the reference"""
 
     def unit_of(self, quantity: Quantity) -> Unit | None:
         """The unit that was given for a quantity."""
@@ -68,6 +70,8 @@ class Wishes:
             elif mark or unit_named(text) is None:
                 remedy = "write e.g. m/s2,rad/s,C,ms, or accel=lsb/16384,gyro=lsb/131"
                 raise InputError(f"{text!r} is no unit", field="--units", remedy=remedy)
+        if self.poses and (self.rate_hz is not None or self.mapping.get("t_s", NOTHING) != NOTHING):
+            raise InputError("a table of poses has no time", field="--poses", remedy="leave out --rate and t_s")
         if self.rate_hz is not None and not 0 < self.rate_hz < 1e9:
             raise InputError(f"{self.rate_hz:g} is no rate", field="--rate", remedy="give rows a second, e.g. 100")
 
