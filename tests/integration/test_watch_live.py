@@ -303,9 +303,13 @@ def test_a_person_puts_the_proposal_in_force_and_takes_it_back_while_the_service
             said = after(ear, daemon, STANDS, STANDS - 1)
             (claim,) = said.claims
             assert (claim.effect, claim.parameter, claim.equivalence_class) == ("bias_step", "b_x", ["b_x"])
-            # at the last turn: the worst toolface by what it states, arcsin of the offset
+            # of the present attitude, at rest: what an offset of x does there
             assert claim.error is not None
-            assert abs(claim.error.tf_sin_inc_deg) == pytest.approx(np.degrees(STEP_G), rel=0.2)
+            assert said.toolface_deg is not None
+            assert said.inclination_deg is not None
+            tf, inc = np.radians(said.toolface_deg), np.radians(said.inclination_deg)
+            does = np.degrees(claim.size) * np.array([np.cos(inc) * np.cos(tf), -np.sin(tf)])
+            assert [claim.error.inc_deg, claim.error.tf_sin_inc_deg] == pytest.approx(does, rel=1e-3)
             assert abs(claim.size - STEP_G) < 4.0 * claim.std
             wait_for(lambda: saved_stills(state) == STANDS, 10.0, "a saved state", daemon)
             assert "not in force" in highside_says("watch", "propose", state, "--store", store, "-o", proposed)
