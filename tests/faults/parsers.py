@@ -330,8 +330,9 @@ class Bench:
     def _watch_keeper(self) -> WatchKeeper:
         settings = validate({"tool": {"id": "t1"}, "link": {"kind": "simulated"}, "codec": {"name": "tool"}}, where="x")
         parts = WatchParts(settings, seeds.watch_stage())
+        said = lambda _: None  # noqa: E731
         return WatchKeeper(
-            self.folder, lambda reply, _done: self.replies.append(reply), lambda _: None, lambda: parts, DamageLog()
+            self.folder, lambda reply, _done: self.replies.append(reply), said, said, lambda: parts, DamageLog()
         )
 
     def drift_command(self, data: bytes) -> bool:

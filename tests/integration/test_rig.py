@@ -144,6 +144,8 @@ def test_the_whole_pack_live(tmp_path: Path, broker: Mosquitto) -> None:
             used = set(re.findall(r"highside_[a-z0-9_]+", json.dumps(dashboard["panels"])))
             served = {sample.name for family in families.values() for sample in family.samples}
             assert used, "the dashboard shows something"
+            # those of the watch need a calibration record: test_watch_live
+            used = {name for name in used if not name.startswith("highside_watch")}
             assert used <= served, f"the dashboard asks for what nobody serves: {used - served}"
 
             topic, payload, *_ = next(m for m in subscriber.drain() if m[0].startswith("homeassistant/"))

@@ -6,6 +6,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import math
 import os
 import time
 from collections.abc import AsyncIterator, Iterator
@@ -22,6 +23,8 @@ from playwright.async_api import Page, expect
 from test_bench_page import assert_accessible, assert_fits
 
 CLICK_S = 60_000
+SHOTS = os.environ.get("HIGHSIDE_SHOTS")
+"""a folder for pictures of what was checked"""
 NOISY = ("GPU stall", "WebGL", "Automatic fallback to software")
 """What a browser without a graphics card says of its own"""
 
@@ -63,6 +66,34 @@ def attitude(seq: int, **more: Any) -> bytes:
         "historical": False,
     }  # fmt: skip
     return json.dumps(made | more).encode()
+
+
+def watch_message() -> bytes:
+    made = {"value": 8e-4, "std": 5e-5, "unit": "g", "stated_std": 1e-4, "observable": True}
+    said = {
+        "t": time.time(), "verdict": "departs", "claims": [{"effect": "bias_step", "parameter": "b_x"}],
+        "parameters": {"b_x": made}, "advice": ["take a roll test"], "watched_s": 86_400.0,
+        "began": "began from the record",
+    }  # fmt: skip
+    return json.dumps(said).encode()
+
+
+def history_message() -> bytes:
+    """A day in which the offset of x steps by 0.8 mg at noon."""
+    now, count = time.time(), 144
+    names = ("b_x", "b_y", "b_z", "S_xx", "S_yy", "S_zz", "S_xz", "S_yz", "S_zx")
+    value = {name: [round(5e-5 * math.sin(0.1 * k + i), 8) for k in range(count)] for i, name in enumerate(names)}
+    value["b_x"] = [round(one + 8e-4 * (k >= count // 2), 8) for k, one in enumerate(value["b_x"])]
+    said = {
+        "t": now, "cal_id": "c" * 64, "began": "began from the record", "threshold": 36.0,
+        "times": [now - 86_400.0 + 600.0 * (k + 1) for k in range(count)], "inclination_deg": [30.0] * count,
+        "evidence": [5.0 + max(0, k - count // 2) * 2.0 for k in range(count)],
+        "parameters": {
+            name: {"unit": "g", "value": one, "std": [round(2e-5 + 2e-4 / (k + 1), 8) for k in range(count)]}
+            for name, one in value.items()
+        },
+    }  # fmt: skip
+    return json.dumps(said).encode()
 
 
 @contextlib.asynccontextmanager
@@ -135,6 +166,15 @@ async def test_tools_are_shown_and_what_is_old_is_grey(tmp_path: Path, mosquitto
             refused = json.loads(attitude(1)) | {"accepted": False, "reasons": ["moved"], "duration_s": 10.0}
             await client.publish("highside/rig-7/survey", json.dumps(refused).encode())
             await expect(page.locator("section.surveys")).to_contain_text("✗ moved")
+            await expect(page.locator("section.watch")).to_contain_text("Nothing watches over the calibration")
+            assert await page.locator("section.watch canvas").count() == 0
+            await client.publish("highside/rig-7/watch", watch_message(), retain=True)
+            await client.publish("highside/rig-7/watch/history", history_message(), retain=True)
+            await expect(page.locator("section.watch")).to_contain_text("The watch says: departs, watched for 24 h")
+            await page.locator("section.watch canvas").wait_for()
+            await expect(page.locator("section.watch [aria-label*='bands of 95 percent']")).to_be_visible()
+            await page.locator("section.watch summary").click()
+            await expect(page.locator("section.watch tbody")).to_contain_text("+0.8 ± 0.1")
             # the 3-D picture is there: its canvas has been drawn on
             await page.locator("section.space canvas").wait_for()
             await page.locator("section.trend canvas").first.wait_for()
@@ -144,6 +184,8 @@ async def test_tools_are_shown_and_what_is_old_is_grey(tmp_path: Path, mosquitto
                     await page.set_viewport_size({"width": width, "height": 900})
                     await assert_accessible(page, f"tool {scheme} {width}")
                     await assert_fits(page, f"tool {scheme} {width}")
+                    if SHOTS:
+                        await page.screenshot(path=f"{SHOTS}/tool-{scheme}-{width}.png", full_page=True)
             assert await page.locator("section.figures .stale").count() == 0
         # it left without a word: silent after three seconds, and grey
         await expect(page.locator(".badge.silent")).to_be_visible()

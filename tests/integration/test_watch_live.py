@@ -7,9 +7,11 @@ from __future__ import annotations
 
 import itertools
 import json
+import re
 import signal
 import subprocess
 import threading
+import urllib.request
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -17,15 +19,16 @@ from typing import Any
 import numpy as np
 import paho.mqtt.client as mqtt
 import pytest
-from broker import Mosquitto
+from broker import Mosquitto, free_port
 from daemon import HIGHSIDE, Daemon, Pty, Subscriber, running, wait_for
+from prometheus_client.parser import text_string_to_metric_families
 
 import highside
 from highside.arrays import Array
 from highside.codec.tool import encode
 from highside.recording.calibration_store import CalibrationStore
 from highside.service.messages import AttitudeMessage
-from highside.service.watch_messages import WatchMessage, WatchReply
+from highside.service.watch_messages import WatchHistory, WatchMessage, WatchReply
 from tests.unit.watch_frames import poses_of_a_good_tool, rows_of_a_well
 
 pytestmark = pytest.mark.slow
@@ -369,6 +372,72 @@ def test_a_person_puts_the_proposal_in_force_and_takes_it_back_while_the_service
     finally:
         ear.close()
         tool.pty.close()
+
+
+def test_what_the_service_says_of_the_last_day_outlasts_a_kill_and_the_dashboard_finds_its_metrics(
+    tmp_path: Path, broker: Mosquitto, tool: Tool, store: Path
+) -> None:
+    port = free_port()
+    path = config(tmp_path, tool, broker, store, f"[metrics]\nport = {port}\n")
+    state = tmp_path / "state" / "watch.json"
+    ear = Subscriber(broker.port)
+    try:
+        with running(path) as daemon:
+            wait_for(lambda: ear.latest("watch/history"), 60.0, "the first word", daemon)
+            tool.stands(0, STANDS)
+            said = after(ear, daemon, STANDS, STANDS - 1)
+            assert said.verdict == "departs"
+            wait_for(lambda: saved_stills(state) == STANDS, 10.0, "a saved state", daemon)
+            enough = lambda: (h := history_said(ear)) and len(h.times) >= STANDS and h  # noqa: E731
+            found = wait_for(enough, 10.0, "the history", daemon)
+            # a point a stand, half an hour apart, ending now
+            hours = (np.array(found.times) - found.t) / 3600.0
+            assert hours[0] == pytest.approx(-0.5 * (STANDS - 1), abs=0.1)
+            for name, one in said.parameters.items():
+                if name in found.parameters:
+                    assert found.parameters[name].std[-1] == pytest.approx(one.std, rel=1e-3)
+                    assert found.parameters[name].value[-1] == pytest.approx(one.value, rel=1e-3, abs=1e-12)
+            shift = np.array(found.parameters["b_x"].value)
+            assert shift[-1] - shift[0] == pytest.approx(STEP_G, rel=0.5)
+            assert found.evidence[-1] > found.threshold > found.evidence[0]
+            dashboard = json.loads((Path(__file__).parents[2] / "config" / "grafana-dashboard.json").read_text())
+            wait_for(lambda: (h := ear.latest("health")) and h["watch"]["verdict"] == "departs", 10.0, "health", daemon)
+            assert_finds_the_watch(dashboard, port)
+            daemon.kill()
+        ear.drain()
+        mark = len(ear.payloads("watch/history"))
+        with running(path) as daemon:
+            wait_for(lambda: len(ear.payloads("watch/history")) > mark, 60.0, "the history after the kill", daemon)
+            again = history_said(ear)
+            assert again is not None
+            assert again.parameters == found.parameters
+            assert daemon.terminate() == 0
+    finally:
+        ear.close()
+
+
+def history_said(ear: Subscriber) -> WatchHistory | None:
+    found = ear.latest("watch/history")
+    return None if found is None else WatchHistory.model_validate(found)
+
+
+def assert_finds_the_watch(dashboard: dict[str, Any], port: int) -> None:
+    """Each selector of a query of the watch has samples by the labels it asks for, and none of its names is missing."""
+    scrape = urllib.request.urlopen(f"http://127.0.0.1:{port}/metrics", timeout=10).read().decode()
+    served: dict[str, list[dict[str, str]]] = {}
+    for family in text_string_to_metric_families(scrape):
+        for sample in family.samples:
+            served.setdefault(sample.name, []).append(sample.labels)
+    queries = [target["expr"] for panel in dashboard["panels"] for target in panel["targets"]]
+    of_the_watch = [query for query in queries if "highside_watch" in query]
+    assert len(of_the_watch) == 12
+    for query in of_the_watch:
+        for name, labels in re.findall(r"(highside_watch\w+)\{([^}]*)\}", query):
+            wanted = dict(re.findall(r'(\w+)=~"([^"]*)"', labels))
+            assert wanted.pop("tool") == "$tool"
+            assert {"tool", *wanted} <= served[name][0].keys(), query
+            for asked in wanted.get("parameter", "").split("|"):
+                assert not asked or any(one["parameter"] == asked for one in served[name]), (query, asked)
 
 
 def test_a_damaged_state_is_set_aside_and_said(tmp_path: Path, broker: Mosquitto, tool: Tool, store: Path) -> None:

@@ -1,10 +1,11 @@
 """The client of the broker as this project uses it: secrets, limits, and what aiomqtt leaves to its callers.
 
 **What comes in is bounded.** MQTT 3.1.1 lets a sender put 256 MB into one message, and a client has no word in it; paho
-keeps the whole of it in memory. Here a packet is kept up to `INCOMING_MAX` bytes and the rest is read and let go: the
-connection lives, the broker gets its acknowledgement (else it would send the message again for ever), and whoever takes
-the message sees one that is longer than any command. What this cannot do is to save the network the time of the
-transfer: that is the broker's to bound (`message_size_limit` in `config/mosquitto.conf`).
+keeps the whole of it in memory. Here a packet is kept up to `INCOMING_MAX` bytes (by an onlooker up to a bound of its
+own) and the rest is read and let go: the connection lives, the broker gets its acknowledgement (else it would send the
+message again for ever), and whoever takes the message sees one that is longer than any command. What this cannot do is
+to save the network the time of the transfer: that is the broker's to bound (`message_size_limit` in
+`config/mosquitto.conf`).
 
 `on_each_message` hands messages over in the callback of the library, not through its queue, which has no bound.
 """
@@ -49,25 +50,29 @@ class LostConnection(Exception):  # noqa: N818 - an event of every day, not an e
 
 
 class _Head(bytearray):
-    """Keeps the first `INCOMING_MAX` bytes of what is added to it."""
+    """Keeps the first `most` bytes of what is added to it."""
+
+    def __init__(self, most: int) -> None:
+        super().__init__()
+        self._most = most
 
     def __iadd__(self, more: Any) -> _Head:  # type: ignore[misc]
-        room = INCOMING_MAX - len(self)
+        room = self._most - len(self)
         if room > 0:
             self.extend(more[:room])
         return self
 
 
-def _bound_incoming(paho: mqtt.Client) -> None:
+def _bound_incoming(paho: mqtt.Client, most: int) -> None:
     """Never hold more of a packet than its head; never ask the system for more than that at once."""
     receive = paho._sock_recv
 
     def bounded(bufsize: int) -> bytes:
         packet = paho._in_packet
-        if packet["have_remaining"] and packet["remaining_length"] > INCOMING_MAX:
+        if packet["have_remaining"] and packet["remaining_length"] > most:
             if not isinstance(packet["packet"], _Head):
-                packet["packet"] = _Head()
-            return receive(min(bufsize, INCOMING_MAX))
+                packet["packet"] = _Head(most)
+            return receive(min(bufsize, most))
         return receive(bufsize)
 
     paho._sock_recv = bounded  # type: ignore[method-assign]
@@ -176,10 +181,12 @@ async def broker_client(
     will: aiomqtt.Will | None = None,
     clean_session: bool = True,
     max_queued_incoming: int = 0,
+    incoming_max: int = INCOMING_MAX,
 ) -> aiomqtt.Client:
     """A client of the configured broker, not yet connected. Raises InputError or OSError if a secret cannot be read.
 
     `max_queued_incoming`: of the messages that wait to be read one by one (`client.messages`); 0 is without bound.
+    `incoming_max`: bytes of a packet that are kept.
     """
     password = settings.read_password()
     # reading the system's certificates takes tens of milliseconds
@@ -200,7 +207,7 @@ async def broker_client(
         max_queued_incoming_messages=max_queued_incoming,
         logger=_client_log,
     )
-    _bound_incoming(client._client)
+    _bound_incoming(client._client, incoming_max)
     return client
 
 

@@ -21,7 +21,7 @@ from highside.service.message_base import CommandMessage, CommandReply, Payload
 from highside.service.outbox_memory import Count, OutboxStats
 from highside.service.payload import Written, writer
 from highside.service.saved_drift import HeadingAlignment
-from highside.service.watch_messages import WatchCommand, WatchMessage, WatchReply
+from highside.service.watch_messages import WatchCommand, WatchHistory, WatchMessage, WatchReply
 
 if TYPE_CHECKING:
     from highside.service.outputs import AttitudeOutput, Survey
@@ -295,6 +295,7 @@ PAYLOADS: dict[str, type[BaseModel]] = {
     "drift/command": DriftCommand,
     "drift/reply": DriftReply,
     "watch": WatchMessage,
+    "watch/history": WatchHistory,
     "watch/command": WatchCommand,
     "watch/reply": WatchReply,
 }

@@ -40,7 +40,7 @@ class Topic:
         return self.name.replace("/", "_")
 
 
-_RETAINED = {"health", "drift", "watch"}
+_RETAINED = {"health", "drift", "watch", "watch/history"}
 _PASSING = {"latest"}
 
 

@@ -23,6 +23,7 @@ from highside.service.damage import DamageLog
 from highside.service.in_force import CalibrationInForce, error_text
 from highside.service.saved_drift import Stamp
 from highside.service.saved_watch import SavedWatch
+from highside.service.watch_history import history
 from highside.service.watch_messages import (
     WatchCommand,
     WatchDeparture,
@@ -54,7 +55,8 @@ class WatchParts:
 class WatchKeeper:
     """Made with the service, `start` and `stop` with its loop. `in_force()` tells which parts are at work.
 
-    `reply(payload, done)` and `publish_state(payload)` publish on `watch/reply` and (retained) on `watch`.
+    `reply(payload, done)` publishes on `watch/reply`; `publish_state` and `publish_history` on `watch` and
+    `watch/history`, retained.
     """
 
     def __init__(
@@ -62,11 +64,13 @@ class WatchKeeper:
         state_dir: Path,
         reply: Callable[[bytes, bool], None],
         publish_state: Callable[[bytes], None],
+        publish_history: Callable[[bytes], None],
         in_force: Callable[[], WatchParts],
         damage: DamageLog,
     ) -> None:
         self._path = state_dir / FILE
-        self._publish_state, self._in_force, self._damage = publish_state, in_force, damage
+        self._publish_state, self._publish_history = publish_state, publish_history
+        self._in_force, self._damage = in_force, damage
         self._commands = Commands("watch", WatchCommand, WatchReply, self._do, reply, self._changed)
         self._task: asyncio.Task[None] | None = None
         self._wake = asyncio.Event()
@@ -258,13 +262,15 @@ class WatchKeeper:
     # --- messages ----------------------------------------------------------------------------------------------
 
     def publish(self) -> None:
-        """The retained message, if there is something to say."""
+        """The retained messages, if there is something to say."""
         if (stage := self.stage) is not None and self._news:
             self._news = False
             self._published_s = time.monotonic()
             self.figures.update(stage.figures())
             try:
-                self._publish_state(message(stage, time.time()).model_dump_json().encode())
+                now_s = time.time()
+                self._publish_state(message(stage, now_s).model_dump_json().encode())
+                self._publish_history(history(stage, now_s).model_dump_json().encode())
             except Exception as error:  # a defect here must not cost the readings
                 self._failed("what it says cannot be written", error)
 

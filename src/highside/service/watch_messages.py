@@ -73,6 +73,27 @@ class WatchMessage(Payload):
     began: str = Field(description="From what this watch goes on, or why it began anew.")
 
 
+class WatchTrace(Payload):
+    """One parameter at the times of `WatchHistory`."""
+
+    unit: str
+    value: list[float]
+    std: list[float] = Field(description="Standard deviation of each; bands of 95 % are two of them.")
+
+
+class WatchHistory(Payload):
+    """`<prefix>/<tool>/watch/history` (retained): how far the tool was from its calibration over the last day."""
+
+    t: float = Field(description="UTC, seconds since 1970, of what was said.")
+    cal_id: str
+    began: str = Field(description="From what this watch goes on: the history begins anew with another record.")
+    threshold: float = Field(description="Evidence from which something departs.")
+    times: list[float] = Field(description="UTC, by the tool's own time back from now; 144 at most, over 24 hours.")
+    inclination_deg: list[float]
+    evidence: list[float] = Field(description="Twice the log-likelihood ratio of the likeliest departure against none.")
+    parameters: dict[str, WatchTrace] = Field(description="Deviations from the calibration, by the names of `watch`.")
+
+
 class WatchCommand(CommandMessage):
     """`<prefix>/<tool>/watch/command` (to the service, not retained): take note of a departure, or begin anew."""
 

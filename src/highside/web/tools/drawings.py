@@ -15,6 +15,8 @@ PAST_SHOWN = 8
 """Earlier toolfaces on the dial, the newest outermost, as a driller's display has them."""
 BAND_SIGMAS = 2.0
 """Bands are of 95 %."""
+INK = "#46525d"
+"""Words in a picture, on light paper; the style sheet inverts the picture where the browser wishes dark."""
 
 
 def orientation(inc_deg: float, tf_deg: float, azi_deg: float) -> Matrix:
@@ -92,9 +94,8 @@ TURNING = frozenset({"toolface_deg"})
 """Angles that go round"""
 
 
-def trend(points: Sequence[Point], now: float, *, dark: bool = False) -> dict[str, Any]:
+def trend(points: Sequence[Point], now: float) -> dict[str, Any]:
     """The options of an ECharts picture: a panel for each of `ROWS` over the last ten minutes, with 95 % bands."""
-    ink = "#a9b7c3" if dark else "#46525d"
     heights = [f"{2 + 33 * k}%" for k in range(len(ROWS))]
     series: list[dict[str, Any]] = []
     for k, (name, label, std, colour) in enumerate(ROWS):
@@ -112,7 +113,7 @@ def trend(points: Sequence[Point], now: float, *, dark: bool = False) -> dict[st
                 "type": "value",
                 "min": "dataMin",
                 "max": 0,
-                "axisLabel": {"show": k == len(ROWS) - 1, "color": ink, "formatter": "{value} s"},
+                "axisLabel": {"show": k == len(ROWS) - 1, "color": INK, "formatter": "{value} s"},
             }
             for k in range(len(ROWS))
         ],
@@ -124,8 +125,8 @@ def trend(points: Sequence[Point], now: float, *, dark: bool = False) -> dict[st
                 "name": label,
                 "nameLocation": "middle",
                 "nameGap": 48,
-                "nameTextStyle": {"color": ink},
-                "axisLabel": {"color": ink},
+                "nameTextStyle": {"color": INK},
+                "axisLabel": {"color": INK},
             }
             for k, (_, label, _, _) in enumerate(ROWS)
         ],

@@ -19,9 +19,12 @@ from highside.service.broker_client import (
 )
 from highside.service.quiet_log import QuietLog
 from highside.service.reconnect import Reconnect
-from highside.web.tools.state import TOPICS, Tools
+from highside.web.tools.state import PAYLOAD_MAX, TOPICS, Tools
 
 log = logging.getLogger("highside")
+
+PACKET_MAX = PAYLOAD_MAX + 4096
+"""Bytes of a packet that are kept: a payload and its topic; of a longer one the page counts that it is unreadable."""
 
 
 class Listener:
@@ -59,7 +62,7 @@ class Listener:
 
     async def _one_connection(self, pauses: Reconnect) -> None:
         self._never_connected = True
-        made = await broker_client(self._settings, self._identifier)
+        made = await broker_client(self._settings, self._identifier, incoming_max=PACKET_MAX)
         # before the first of them can arrive: what is retained comes with the answer to a subscription
         notice_a_closed_door(made)
         write_only_while_open(made)

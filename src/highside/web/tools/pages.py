@@ -16,10 +16,12 @@ from nicegui import Client, ui
 from highside.config.mqtt import MqttSettings
 from highside.web.host import CONNECT_WITHIN_S, is_drawn, is_there
 from highside.web.tools.drawings import orientation, trend
-from highside.web.tools.state import Tools, ToolState
+from highside.web.tools.state import History, Tools, ToolState
 from highside.web.tools.views import Broker, ToolPage, list_page, tool_page
+from highside.web.tools.watch_chart import watch_chart
 
 if TYPE_CHECKING:
+    from nicegui.elements.echart import EChart
     from nicegui.elements.html import Html
 
     from highside.web.tools.listener import Listener
@@ -91,6 +93,8 @@ class ToolView:
         self._places: dict[str, Html] = {}
         self._turned: tuple[float, float, float] | None = None
         self._trend_at = -1e9
+        self._history: History | None = None
+        self._watch_chart: EChart | None = None
         with ui.element("div").classes("tool-page"):
             self._section("head", "what is going on")
             self._section("figures", "inclination and toolface")
@@ -103,6 +107,7 @@ class ToolView:
                 self._chart = ui.echart(trend((), 0.0)).classes("chart")
             self._section("parts", "parts", title="Parts", scrolls=True)
             self._section("surveys", "surveys", title="Surveys", scrolls=True)
+            self._build_watch()
             self._section("events", "log", title="Log", scrolls=True)
         self.show()
 
@@ -112,6 +117,28 @@ class ToolView:
             if title:
                 ui.html(str(Markup("<h2>{}</h2>").format(title)), sanitize=False)
             self._places[name] = ui.html("", sanitize=False).classes("drawn" if name == "dial" else "")
+
+    def _build_watch(self) -> None:
+        """The calibration over the last day; the picture comes with the first history."""
+        with ui.element("section").classes("watch").props('aria-label="the calibration" tabindex="0"'):
+            ui.html("<h2>The calibration over the last day</h2>", sanitize=False)
+            self._places["watch"] = ui.html("", sanitize=False)
+            self._watched = ui.element("div")
+
+    def _draw_watch(self) -> bool:
+        history = self._tool.history
+        if history is None or history is self._history:
+            return False
+        self._history = history
+        options = watch_chart(history)
+        if self._watch_chart is None:
+            with self._watched:
+                self._watch_chart = ui.echart(options).classes("chart tall")
+            return True
+        self._watch_chart.options.clear()
+        self._watch_chart.options.update(options)
+        self._watch_chart.update()
+        return True
 
     def _build_scene(self) -> None:
         """A pipe with its scribe line, the hole ahead below it, over the compass, seen from the high side of a hole to
@@ -140,8 +167,8 @@ class ToolView:
             if place.content != content:
                 place.set_content(content)
                 changed = True
-        turned, drawn = self._turn(), self._draw_trend(now)
-        return changed or turned or drawn
+        turned, drawn, watched = self._turn(), self._draw_trend(now), self._draw_watch()
+        return changed or turned or drawn or watched
 
     def _turn(self) -> bool:
         reading = self._tool.reading

@@ -17,12 +17,12 @@ from highside.errors import InputError
 from highside.printable import printable
 from highside.reading import parse_json
 
-TOPICS = ("attitude", "survey", "status", "health", "drift", "watch")
+TOPICS = ("attitude", "survey", "status", "health", "drift", "watch", "watch/history")
 """Last parts of the topics that are subscribed to."""
 TOOLS_MAX = 1000
 """Tools that are kept; further ones are counted. A thousand with full histories take some 300 MB."""
 PAYLOAD_MAX = 65_536
-"""Bytes of a message; `health`, the longest, has some 5,000."""
+"""Bytes of a message; `watch/history`, the longest, has some 40,000."""
 STALE_S = 3.0
 """Seconds without an attitude after which the last one is stale: thrice the slowest usual interval, 1 s."""
 STALE_INTERVALS = 3.0
@@ -34,6 +34,10 @@ ORDINARY_FLAGS = frozenset({"moving", "low_inclination", "toolface_undefined"})
 SURVEYS_KEPT = 20
 EVENTS_KEPT = 200
 INTERVALS_KEPT = 15
+HISTORY_MAX = 1000
+"""Points of a watch's history that are taken; a service sends 144."""
+PARAMETERS_MAX = 30
+"""Its parameters; a calibration has twelve."""
 TEXT_MAX = 300
 """Characters of a text from outside that a page shows."""
 
@@ -86,6 +90,26 @@ class Event:
     text: str
 
 
+@dataclass(frozen=True, slots=True)
+class Trace:
+    """One parameter of the calibration over time; None: not known."""
+
+    value: tuple[float | None, ...]
+    std: tuple[float | None, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class History:
+    """How far a tool was from its calibration, by the tool's watch."""
+
+    hours: tuple[float, ...]
+    """before the message, by the sender's clock: negative"""
+    parameters: dict[str, Trace]
+    inclination_deg: tuple[float | None, ...]
+    evidence: tuple[float | None, ...]
+    threshold: float | None
+
+
 @dataclass(slots=True)
 class ToolState:
     """Everything known of one tool."""
@@ -99,6 +123,8 @@ class ToolState:
     """None: it was retained, its age is not known"""
     drift: dict[str, Any] = field(default_factory=dict)
     watch: dict[str, Any] = field(default_factory=dict)
+    history: History | None = None
+    """of the watch, over the last day"""
     surveys: deque[SurveyRow] = field(default_factory=lambda: deque(maxlen=SURVEYS_KEPT))
     trend: deque[Point] = field(default_factory=lambda: deque(maxlen=TREND_LENGTH))
     events: deque[Event] = field(default_factory=lambda: deque(maxlen=EVENTS_KEPT))
@@ -158,6 +184,8 @@ class ToolState:
             self.drift = said
         elif name == "watch":
             self._watch(said, utc)
+        elif name == "watch/history":
+            self.history = history_of(said)
 
     def _status(self, payload: bytes, utc: float) -> None:
         word = payload[:32].decode("utf-8", "replace").strip()
@@ -281,6 +309,37 @@ def reading_of(said: dict[str, Any]) -> Reading:
         zone=text(said.get("zone")),
         flags=texts(said.get("flags")),
     )
+
+
+def history_of(said: dict[str, Any]) -> History | None:
+    """The history in a message of `watch/history`; None where its times are none. Lists of another length than the
+    times have are unknown from there on."""
+    now, listed = number(said.get("t")), said.get("times")
+    if now is None or not isinstance(listed, list) or len(listed) > HISTORY_MAX:
+        return None
+    times = [number(one) for one in listed]
+    known = [one for one in times if one is not None]
+    if len(known) < len(times) or known != sorted(known):
+        return None
+    count = len(known)
+    parameters = said.get("parameters")
+    traces = {
+        text(name): Trace(_numbers(one.get("value"), count), _numbers(one.get("std"), count))
+        for name, one in (list(parameters.items())[:PARAMETERS_MAX] if isinstance(parameters, dict) else ())
+        if isinstance(one, dict)
+    }
+    return History(
+        tuple(round((one - now) / 3600.0, 4) for one in known),
+        traces,
+        _numbers(said.get("inclination_deg"), count),
+        _numbers(said.get("evidence"), count),
+        number(said.get("threshold")),
+    )
+
+
+def _numbers(value: object, count: int) -> tuple[float | None, ...]:
+    found = [number(one) for one in value[:count]] if isinstance(value, list) else []
+    return (*found, *[None] * (count - len(found)))
 
 
 def number(value: object) -> float | None:

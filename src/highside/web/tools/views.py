@@ -16,7 +16,18 @@ from jinja2 import Environment
 from highside.service.alarms import ALARMS
 from highside.shown.card import templates
 from highside.web.tools.drawings import dial
-from highside.web.tools.state import Condition, Reading, Tools, ToolState, departs, needs_attention, number, text, texts
+from highside.web.tools.state import (
+    PARAMETERS_MAX,
+    Condition,
+    Reading,
+    Tools,
+    ToolState,
+    departs,
+    needs_attention,
+    number,
+    text,
+    texts,
+)
 
 WORDS: dict[Condition, str] = {
     "live": "live",
@@ -77,6 +88,7 @@ class ToolPage:
     parts: str
     surveys: str
     events: str
+    watch: str
 
 
 def list_page(tools: Tools, broker: Broker, now: float) -> str:
@@ -116,6 +128,7 @@ def tool_page(tool: ToolState, broker: Broker, now: float) -> ToolPage:
         parts=_render("rows.html", rows=_part_rows(tool, now), fresh=True),
         surveys=_render("surveys.html", surveys=[_survey(row) for row in reversed(tool.surveys)]),
         events=_render("events.html", events=[(_utc(event.utc), event.text) for event in reversed(tool.events)]),
+        watch=_render("watch.html", said=_watch_words(tool), rows=_parameters(tool)),
     )
 
 
@@ -249,6 +262,35 @@ def _part_rows(tool: ToolState, now: float) -> list[Row]:
     rows.append(
         Row("attitudes", f"{tool.attitudes:,} heard", f"{tool.late} late, {tool.unreadable} messages unreadable")
     )
+    return rows
+
+
+def _watch_words(tool: ToolState) -> str:
+    """What the watch says, in a sentence."""
+    verdict = text(tool.watch.get("verdict"))
+    if not verdict:
+        return "Nothing watches over the calibration of this tool, or it has said nothing yet."
+    hours = number(tool.watch.get("watched_s"))
+    since = "" if hours is None else f", watched for {duration(hours)}"
+    began = text(tool.watch.get("began"))
+    return f"The watch says: {verdict}{since}{f'; it {began}' if began else ''}."
+
+
+def _parameters(tool: ToolState) -> list[dict[str, str]]:
+    """The newest deviation of each parameter, in thousandths of its unit."""
+    found = tool.watch.get("parameters")
+    rows = []
+    for name, one in list(found.items())[:PARAMETERS_MAX] if isinstance(found, dict) else ():
+        value, std = (number(one.get(key)) if isinstance(one, dict) else None for key in ("value", "std"))
+        if value is None or std is None:
+            continue
+        unit, seen = text(one.get("unit")), one.get("observable") is True
+        rows.append({
+            "name": text(name),
+            "value": f"{1e3 * value:+.3g} ± {2e3 * std:.2g}",
+            "unit": f"m{unit}" if unit.startswith("g") else f"10⁻³ {unit}",
+            "seen": "seen" if seen else "not seen yet",
+        })  # fmt: skip
     return rows
 
 
