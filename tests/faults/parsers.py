@@ -31,7 +31,7 @@ from highside.bench.session.commands import Origin
 from highside.bench.session.driver import SessionDriver
 from highside.bench.session.journal import read_journal
 from highside.bench.session.snapshot import Command, Reply, SessionState
-from highside.calibration.record import correction_from_record
+from highside.calibration.record import correction_from_record, parse_record
 from highside.calibration.signature import parse_trusted_keys
 from highside.codec.can_dbc import compile_dbc
 from highside.config.bench import load_bench
@@ -61,6 +61,7 @@ from highside.service.rig.toolface import ToolfaceLog
 from highside.service.starts import StartLog
 from highside.service.watch_keeper import WatchKeeper, WatchParts
 from highside.service.watch_keeper import message as watch_message
+from highside.watch.proposal import propose, read_said
 
 Make = Callable[[random.Random], bytes]
 
@@ -228,6 +229,11 @@ class Bench:
         made.save(self.folder / "model.json", into=path)
         return True
 
+    def watch_said(self, data: bytes) -> bool:
+        """What a watch said, to the record that it proposes."""
+        made = propose(seeds.record(), read_said(data, "watch.json"), now_s=1.79e9)
+        return parse_record(made.to_json()).id == made.id
+
     def survey_join(self, data: bytes) -> bool:
         """Depths beside sound surveys."""
         kept = self.put(seeds.surveys(), "kept.jsonl")
@@ -330,9 +336,9 @@ class Bench:
     def _watch_keeper(self) -> WatchKeeper:
         settings = validate({"tool": {"id": "t1"}, "link": {"kind": "simulated"}, "codec": {"name": "tool"}}, where="x")
         parts = WatchParts(settings, seeds.watch_stage())
-        said = lambda _: None  # noqa: E731
+        said = lambda _: lambda _: None  # noqa: E731
         return WatchKeeper(
-            self.folder, lambda reply, _done: self.replies.append(reply), said, said, lambda: parts, DamageLog()
+            self.folder, lambda reply, _done: self.replies.append(reply), said, lambda: parts, DamageLog()
         )
 
     def drift_command(self, data: bytes) -> bool:
@@ -423,7 +429,7 @@ def all_parsers(bench: Bench) -> Sequence[Parser]:
     entry = {"number": 1, "tool": "t1", "record": "0" * 64, "action": "activate", "at": "2026-11-22T10:00:00Z"}
     activation = json.dumps(entry | {"undoes": None}).encode()
     journal, containers = seeds.journal(), seeds.containers()
-    watched = seeds.watched()
+    watched, said = seeds.watched(), seeds.watch_said()
     return (
         Parser("service TOML", of(*services), bench.service_toml, services, CONFIG),
         Parser("bench TOML", of(*bench_files), bench.bench_toml, tuple(bench_files), CONFIG),
@@ -465,6 +471,14 @@ def all_parsers(bench: Bench) -> Sequence[Parser]:
         ),
         Parser(
             "watch and tool model", of(watched), bench.watched_error_model, (watched,), ("api/iscwsa", "watch/iscwsa")
+        ),
+        Parser("watch said", of(said), bench.watch_said, (said,), ("watch/proposal", "watch/parameters", *CALIBRATION)),
+        Parser(
+            "watch said, by structure",
+            of_document(json.loads(said), lambda d: json.dumps(d).encode()),
+            bench.watch_said,
+            (said,),
+            ("watch/proposal", "watch/parameters", *CALIBRATION),
         ),
         Parser("starts of the service", of(seeds.starts()), bench.starts, (seeds.starts(),), ("service/starts",)),
         Parser("known time", of(seeds.known_time()), bench.known_time, (seeds.known_time(),), ("service/known_time",)),

@@ -239,6 +239,23 @@ def watched() -> bytes:
     return json.dumps(document).encode()
 
 
+def watch_said() -> bytes:
+    """What a watch says when one name alone departs: `propose` makes a record of it."""
+    said = watch_stage().said.to_dict()
+    size = {"value": 8e-4, "std": 5e-5, "low": 7e-4, "high": 9e-4, "unit": "g"}
+    claim = {"effect": "bias_step", "parameter": "b_x", "parameters": {"b_x": size}, "equivalence_class": ["b_x"]}
+    claim |= {
+        "since_s": 0.0,
+        "since_low_s": 0.0,
+        "since_high_s": 600.0,
+        "alarm_s": 600.0,
+        "evidence": 90.0,
+        "error": None,
+    }
+    said["parameters"]["b_x"]["value"] = 8e-4
+    return json.dumps(said | {"verdict": "departs", "claims": [claim]}).encode()
+
+
 DEPTHS = "".join(["seq,md_m\n", *(f"{i},{30.0 * i + 10.5}\n" for i in range(12))]).encode()
 """of the same surveys"""
 

@@ -122,7 +122,19 @@ def test_topics_that_the_service_uses_are_in_the_document(pages: ModuleType, pro
     text = (sources / "service" / "app.py").read_text()
     used = set(re.findall(r"(?:_topic|_states|topic)\(\"([\w/]+)\"\)", text))
     used |= {f"{name}/reply" for name in re.findall(r"_replies\(\"(\w+)\"\)", text)}
-    assert {"attitude", "health", "watch", "watch/command", "watch/reply", "drift", "drift/command"} <= used
+    used |= {
+        name for name in PAYLOADS if f'retained("{name}")' in (sources / "service" / "watch_keeper.py").read_text()
+    }
+    assert {
+        "attitude",
+        "health",
+        "watch",
+        "watch/history",
+        "watch/command",
+        "watch/reply",
+        "drift",
+        "drift/command",
+    } <= used
     addresses = {
         channel["address"].removeprefix("{prefix}/{tool}/") for channel in pages.document()["channels"].values()
     }

@@ -16,7 +16,7 @@ from highside.arrays import Array
 from highside.cli.main import app
 from highside.errors import InputError
 from highside.recording.table import Recording
-from highside.watch import POLICY, STATED, Prior, Still, Turning, prior_of_record
+from highside.watch import POLICY, STATED, Prior, Still, Turning, Watch, prior_of_record
 from highside.watch.bank import HYPOTHESES, Bank, Filter
 from highside.watch.measurement import Surroundings, linear_still, linear_turning
 from highside.watch.parameters import INDEX, SIZE, prior
@@ -193,3 +193,38 @@ def test_what_cannot_be_watched_is_refused_in_one_line(calibration: highside.Cal
     del rows["ay_g"]
     with pytest.raises(InputError, match="ay_g"):
         highside.watch_recording(rows, calibration)
+
+
+def test_an_alarm_that_no_hypothesis_explains_any_more_stays_and_no_reading_is_to_be_used() -> None:
+    """After an alarm the bank may run out of hypotheses of a reasonable size: that is said, and nothing ends."""
+    watch = Watch(a_prior())
+    rng = np.random.default_rng(4)
+    for k in range(30):
+        f = rng.standard_normal(3)
+        step = np.array([2e-3, 0.0, 0.0]) * (k >= 10)
+        watch.still(Still(600.0 * k, f / np.linalg.norm(f) + step, 1e-6, 25.0))
+    assert watch.result().claims[0].effect != "unexplained"
+    memory = watch.memory()
+    # what each hypothesis would need is beyond reason, and no other onset comes
+    memory.arrays["bank_score"][:] = 1e3 * (memory.arrays["bank_information"] + 1.0)
+    again = Watch(a_prior())
+    again.recall(memory)
+    again.still(Still(600.0 * 29 + 100.0, np.array([0.0, 0.6, 0.8]), 1e-6, 25.0))
+    said = again.result()
+    assert said.verdict == "departs"
+    (claim,) = said.claims
+    assert (claim.effect, claim.error, claim.alarm_s) == ("unexplained", None, watch.alarm_s)
+    assert "use none of them" in said.advice[0]
+    assert np.isfinite(said.covariance).all()
+    assert not said.departure.any()
+
+
+@pytest.mark.parametrize("temp_c", [1e9, -273.2, float("inf"), float("nan")])
+def test_a_reading_with_an_absurd_temperature_is_left_out_and_counted(temp_c: float) -> None:
+    watch = Watch(a_prior())
+    f = np.array([0.0, 0.6, 0.8])
+    watch.still(Still(0.0, f, 1e-6, 25.0))
+    watch.still(Still(600.0, f, 1e-6, temp_c))
+    said = watch.result()
+    assert (said.counts.stills, said.counts.left_out) == (1, {"temperature is none of a tool": 1})
+    assert np.isfinite(said.covariance).all()

@@ -109,9 +109,8 @@ class Service:
             self.state_dir, self._replies("drift"), self._states("drift"), lambda: self.parts.drift, self.damage
         )
         self.watch = WatchKeeper(
-            self.state_dir, self._replies("watch"), self._states("watch"), self._states("watch/history"),
-            lambda: self.parts.watch, self.damage,
-        )  # fmt: skip
+            self.state_dir, self._replies("watch"), self._states, lambda: self.parts.watch, self.damage
+        )
         self.make_pipeline = partial(make_pipeline, emit=self._on_output, rig=self.rig)
         self.parts = self._make_parts(settings)
         self.reloader = Reloader(self, reload)

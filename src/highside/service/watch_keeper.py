@@ -55,21 +55,20 @@ class WatchParts:
 class WatchKeeper:
     """Made with the service, `start` and `stop` with its loop. `in_force()` tells which parts are at work.
 
-    `reply(payload, done)` publishes on `watch/reply`; `publish_state` and `publish_history` on `watch` and
-    `watch/history`, retained.
+    `reply(payload, done)` publishes on `watch/reply`; `retained(topic)` gives what publishes on `watch` and
+    `watch/history`.
     """
 
     def __init__(
         self,
         state_dir: Path,
         reply: Callable[[bytes, bool], None],
-        publish_state: Callable[[bytes], None],
-        publish_history: Callable[[bytes], None],
+        retained: Callable[[str], Callable[[bytes], None]],
         in_force: Callable[[], WatchParts],
         damage: DamageLog,
     ) -> None:
         self._path = state_dir / FILE
-        self._publish_state, self._publish_history = publish_state, publish_history
+        self._publish_state, self._publish_history = retained("watch"), retained("watch/history")
         self._in_force, self._damage = in_force, damage
         self._commands = Commands("watch", WatchCommand, WatchReply, self._do, reply, self._changed)
         self._task: asyncio.Task[None] | None = None

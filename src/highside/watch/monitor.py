@@ -65,7 +65,7 @@ class Watch:
 
     def still(self, still: Still) -> None:
         """Take a mean at rest."""
-        if self._is_beyond(still.t_s, float(np.linalg.norm(still.mean_g)) - 1.0):
+        if not self._is_warm(still.temp_c) or self._is_beyond(still.t_s, float(np.linalg.norm(still.mean_g)) - 1.0):
             return
         self._counts["stills"] += 1
         self._take(still.t_s, still.temp_c, still.depth_km, lambda around: linear_still(still, around, self._noise))
@@ -74,10 +74,17 @@ class Watch:
         """Take a window of rotation."""
         M = turn.harmonics_g
         across = 0.5 * np.hypot(M[0, 1] + M[1, 2], M[1, 1] - M[0, 2])
-        if self._is_beyond(turn.t_s, float(np.hypot(across, M[2, 0])) - 1.0):
+        if not self._is_warm(turn.temp_c) or self._is_beyond(turn.t_s, float(np.hypot(across, M[2, 0])) - 1.0):
             return
         self._counts["turns"] += 1
         self._take(turn.t_s, turn.temp_c, turn.depth_km, lambda around: linear_turning(turn, around, self._noise))
+
+    def _is_warm(self, temp_c: float | None) -> bool:
+        """Whether a temperature is one that a tool may have: a broken thermometer would make coefficients."""
+        if temp_c is None or self._policy.coldest_c <= temp_c <= self._policy.hottest_c:
+            return True
+        self.leave_out("temperature is none of a tool")
+        return False
 
     def _is_beyond(self, t_s: float, excess_g: float) -> bool:
         """Whether a length is no gravity with small errors; such readings are kept apart."""
@@ -193,7 +200,7 @@ class Watch:
             self._alarm_s = t_s
         inclination = float(np.degrees(np.arctan2(np.hypot(self._f[0], self._f[1]), self._f[2])))
         state, covariance = self._believed()
-        std = np.sqrt(np.diag(covariance)[:CALIBRATION])
+        std = self._grown() * np.sqrt(np.diag(covariance)[:CALIBRATION])
         self._trace.append((t_s, state[:CALIBRATION].copy(), std, inclination, evidence))
 
     def _surroundings(self, t_s: float, temp_c: float | None, depth_km: float | None) -> Surroundings:
@@ -217,15 +224,16 @@ class Watch:
         return float(np.sqrt(np.median(self._squares) / _MEDIAN_OF_SQUARE))
 
     def _grown(self) -> float:
-        """How much wider the thresholds stand than stated: noise may have grown, and never shrinks them."""
+        """How much wider thresholds and standard deviations stand than stated: noise may have grown, and never shrinks
+        them. That of the deviations is the a-posteriori factor of unit weight (Birge, Phys. Rev. 40, 207, 1932)."""
         return max(1.0, self._noise_ratio())
 
     def result(self) -> WatchResult:
         """What is said now. Before the first measurement: learning, of nothing."""
         inc, tf = self._attitude()
-        unseen = None if inc is None else std_of(self._alone.covariance, inc, tf, 3.0)
+        unseen = None if inc is None else std_of(self._alone.covariance, inc, tf, 3.0 * self._grown())
         stated = None if inc is None else std_of(self._prior.stated, inc, tf)
-        claims = () if self._alarm_s is None or inc is None else (self._claim(inc, tf, self._alarm_s),)
+        claims = () if self._alarm_s is None or inc is None else (self._departs(inc, tf, self._alarm_s),)
         if len(self._beyond) >= self._policy.fewest_beyond:
             claims = (self._broken(), *claims)
         verdict: Verdict = "departs" if claims else "holds" if self._holds(unseen) else "learning"
@@ -251,7 +259,7 @@ class Watch:
             threshold=self._policy.threshold * self._grown() ** 2,
             duration_s=0.0 if self._start_s is None else self._last_s - self._start_s,
             counts=Counts(self._counts["stills"], self._counts["turns"], dict(self._left_out)),
-            covariance=self._believed()[1][:CALIBRATION, :CALIBRATION].copy(),
+            covariance=self._grown() ** 2 * self._believed()[1][:CALIBRATION, :CALIBRATION],
             departure=self._departure(),
             trace=self._traced(),
         )
@@ -270,7 +278,13 @@ class Watch:
     def _believed(self) -> tuple[Array, Array]:
         """State and covariance: the filter's, and once something departs those with the likeliest departure."""
         state, covariance = self._filter.state, self._filter.covariance
-        return (state, covariance) if self._alarm_s is None else self._bank.best()[0].corrected(state, covariance)
+        likeliest = self._likeliest()
+        return (state, covariance) if likeliest is None else likeliest.corrected(state, covariance)
+
+    def _likeliest(self) -> Scored | None:
+        """Of what departs; None where nothing does, or no hypothesis of a reasonable size explains it any more."""
+        scored = [] if self._alarm_s is None else self._bank.best()
+        return scored[0] if scored else None
 
     def _deviations(self) -> dict[str, Deviation]:
         before = np.diag(self._prior.covariance)
@@ -279,7 +293,7 @@ class Watch:
         return {
             name: Deviation(
                 value=float(state[k]),
-                std=float(np.sqrt(after[k])),
+                std=self._grown() * float(np.sqrt(after[k])),
                 unit=UNITS[name],
                 stated_std=float(np.sqrt(before[k])),
                 observable=bool(after[k] < self._policy.seen * before[k]),
@@ -287,15 +301,19 @@ class Watch:
             for k, name in enumerate(NAMES)
         }
 
-    def _claim(self, inc: float, tf: float | None, alarm_s: float) -> WatchClaim:
+    def _departs(self, inc: float, tf: float | None, alarm_s: float) -> WatchClaim:
         scored = self._bank.best()
+        if not scored:
+            # what was a departure of a small parameter needs more by now than any may have
+            least = self._policy.largest
+            return _unexplained("deviation", Size(least, 0.0, least, least, "g"), ("no small error",), alarm_s, alarm_s)
         best = scored[0]
         alike = [one for one in scored if one.ratio >= best.ratio - self._policy.same_class]
         low, high = self._bank.onsets_of(best, self._policy.same_class)
         return WatchClaim(
             effect=best.hypothesis.effect,
             parameter=best.hypothesis.name,
-            parameters={best.hypothesis.name: _size(best)},
+            parameters={best.hypothesis.name: _size(best, self._grown())},
             equivalence_class=tuple(one.hypothesis.name for one in alike),
             since_s=best.since_s,
             since_low_s=low,
@@ -311,17 +329,12 @@ class Watch:
         size = float(np.median(excess))
         std = float(np.std(excess)) / np.sqrt(len(excess))
         half = _INTERVAL * std
-        return WatchClaim(
-            effect="unexplained",
-            parameter="length",
-            parameters={"length": Size(size, std, size - half, size + half, "g")},
-            equivalence_class=("dead axis", "stuck axis", "saturation"),
-            since_s=times[0],
-            since_low_s=times[0],
-            since_high_s=times[0],
-            alarm_s=times[self._policy.fewest_beyond - 1],
-            evidence=None,
-            error=None,
+        return _unexplained(
+            "length",
+            Size(size, std, size - half, size + half, "g"),
+            ("dead axis", "stuck axis", "saturation"),
+            times[0],
+            times[self._policy.fewest_beyond - 1],
         )
 
     def _deviation_of(self, scored: Scored) -> Array:
@@ -334,9 +347,8 @@ class Watch:
 
     def _departure(self) -> Array:
         """(12,) of the calibration's parameters, by the likeliest departure."""
-        if self._alarm_s is None:
-            return np.zeros(CALIBRATION)
-        return self._deviation_of(self._bank.best()[0])[:CALIBRATION]
+        likeliest = self._likeliest()
+        return np.zeros(CALIBRATION) if likeliest is None else self._deviation_of(likeliest)[:CALIBRATION]
 
     def _traced(self) -> Trace:
         t, value, std, inclination, evidence = zip(*self._trace, strict=True) if self._trace else ((),) * 5
@@ -350,6 +362,25 @@ class Watch:
         )
 
 
-def _size(scored: Scored) -> Size:
-    half = _INTERVAL * scored.std
-    return Size(scored.size, scored.std, scored.size - half, scored.size + half, scored.hypothesis.unit)
+def _size(scored: Scored, grown: float) -> Size:
+    std = grown * scored.std
+    half = _INTERVAL * std
+    return Size(scored.size, std, scored.size - half, scored.size + half, scored.hypothesis.unit)
+
+
+def _unexplained(
+    parameter: str, size: Size, equivalence_class: tuple[str, ...], since_s: float, alarm_s: float
+) -> WatchClaim:
+    """No small error of the calibration: no reading is to be used."""
+    return WatchClaim(
+        effect="unexplained",
+        parameter=parameter,
+        parameters={parameter: size},
+        equivalence_class=equivalence_class,
+        since_s=since_s,
+        since_low_s=since_s,
+        since_high_s=since_s,
+        alarm_s=alarm_s,
+        evidence=None,
+        error=None,
+    )

@@ -86,6 +86,9 @@ class WatchPolicy:
     """measurements whose trace is kept for a picture (two months of five an hour); then the oldest leaves"""
     most_beyond: int = 1000
     """readings kept that are not gravity's"""
+    coldest_c: float = -100.0
+    hottest_c: float = 400.0
+    """deg C: temperatures beyond these are none of an electronic tool; the hottest wells have some 300"""
     pull_deg: float = 1.0
     """error of inclination, or of toolface times sin I, from which the advice is to pull the tool: the tolerance of
     most well plans"""
