@@ -416,6 +416,52 @@ def test_what_the_service_says_of_the_last_day_outlasts_a_kill_and_the_dashboard
         ear.close()
 
 
+def test_of_two_tools_in_one_process_only_the_one_that_was_shaken_departs(
+    tmp_path: Path, broker: Mosquitto, well: dict[str, Array], store: Path
+) -> None:
+    still = rows_of_a_well(3, stands=STANDS, inclinations_deg=(5.0, 85.0), rate_hz=RATE_HZ)
+    second = highside.calibrate(poses_of_a_good_tool(2), "joint", tool="HS-2", temp_c=25.0)
+    CalibrationStore(store).activate(second.record, now_s=1.7e9)
+    tools = {"HS-1": Tool(well), "HS-2": Tool(still)}
+    path = tmp_path / "rig.toml"
+    path.write_text(
+        f'[codec]\nname = "tool"\n[pipeline]\noutput_rate_hz = 0.5\naveraging_s = 1.0\n'
+        f'[calibration]\nstore = "{store}"\n'
+        f"[site]\ngravity_mps2 = 9.81\n[mqtt]\nport = {broker.port}\n[recorder]\nenabled = false\n"
+        "[watch]\ninterval_s = 0.1\nsave_interval_s = 0.2\n"
+        f'[service]\nstate_dir = "{tmp_path / "state"}"\nhealth_interval_s = 0.2\n'
+        + "".join(
+            f'[[tools]]\nid = "{name}"\nlink = {{ kind = "serial", port = "{tool.pty.path}", stale_after_s = 0.0 }}\n'
+            for name, tool in tools.items()
+        )
+    )
+    ears = {name: Subscriber(broker.port, f"highside/{name}/#") for name in tools}
+    try:
+        with running(path) as daemon:
+            for name, tool in tools.items():
+                wait_for(lambda ear=ears[name]: watch(ear), 60.0, f"the watch of {name}", daemon)
+                tool.stands(0, STEP_AT + 4)
+            said = {name: after(ear, daemon, STEP_AT + 4, STEP_AT + 3) for name, ear in ears.items()}
+            assert {name: one.verdict for name, one in said.items()} == {"HS-1": "departs", "HS-2": "holds"}
+            assert said["HS-1"].cal_id != said["HS-2"].cal_id == second.record.id
+            wait_for(lambda: "calibration_departs" in alarms(ears["HS-1"]), 10.0, "the alarm", daemon)
+            assert "calibration_departs" not in alarms(ears["HS-2"])
+            assert daemon.terminate() == 0
+        for name, one in said.items():
+            kept = json.loads((tmp_path / "state" / name / "watch.json").read_text())
+            assert (kept["tool"], kept["said"]["verdict"]) == (name, one.verdict)
+        for name, tool in tools.items():
+            health = ears[name].latest("health")
+            assert health is not None
+            assert (health["monitor"]["received"], health["monitor"]["gap"]) == (tool.sent, 0)
+            assert all(health["balance"].values())
+    finally:
+        for ear in ears.values():
+            ear.close()
+        for tool in tools.values():
+            tool.pty.close()
+
+
 def history_said(ear: Subscriber) -> WatchHistory | None:
     found = ear.latest("watch/history")
     return None if found is None else WatchHistory.model_validate(found)
