@@ -44,8 +44,9 @@ def forms_of(name: str, values: Array) -> Iterator[_Form]:
     inner = [float(v) for v in low + width * np.linspace(0.0, 1.0, LAW_FORMULAS.places)]
     zero = [0.0] if low < 0 < high else []
     if covariate(name).periodic:
-        orders = range(1, LAW_FORMULAS.orders + 1)
-        yield _Form("wave", [(Function("cos", (float(k),)), Function("sin", (float(k),))) for k in orders], 3)
+        for k in range(1, LAW_FORMULAS.orders + 1):
+            # each by itself: on toolfaces of a grid two orders are the same readings, and neither is to hide the other
+            yield _Form("wave", [(Function("cos", (float(k),)), Function("sin", (float(k),)))], 3)
         centres = np.arange(LAW_FORMULAS.centres) * (360.0 / LAW_FORMULAS.centres)
         dents = product(centres, LAW_FORMULAS.dent_widths_deg)
         yield _Form("dent", [(Function("dent", (float(c), w)),) for c, w in dents], 3)
@@ -80,7 +81,14 @@ def _own_wave(group: LawGroup) -> tuple[_Form, ...]:
     functions = group.axes[0].functions
     if {f.kind for f in functions} != {"cos", "sin"} or len({f.numbers for f in functions}) > 1:
         return ()
-    return (_Form("wave", [functions], 3),)
+    own = _Form("wave", [functions], 3)
+    (order,) = functions[0].numbers
+    near = round(order)
+    if group.axes[0].covariate != "tf_fraction" or near < 1 or near == order:
+        return (own,)
+    # a short session cannot tell it from the whole order beside it, which has one number less
+    whole = _Form("wave", [(Function("cos", (float(near),)), Function("sin", (float(near),)))], 2)
+    return (own, whole)
 
 
 def _edges(values: Array) -> list[float]:
@@ -124,12 +132,14 @@ def closed_form(found: Found, white: Whitened, terms: list[LawTerm], k: int) -> 
             scored.append(rough)
     if not scored:
         return None
-    scored.sort(key=lambda one: one.loss)
+    scored = sorted({one.functions: one for one in scored}.values(), key=lambda one: one.loss)
     best = scored[0]
     if 0.5 * (best.loss - curve) > LAW_FORMULAS.margin:
         return None
     near = [one for one in scored if 0.5 * (one.loss - best.loss) < LAW_FORMULAS.margin]
-    simplest = sorted(near, key=lambda one: (one.form.numbers, one.loss))
+    simplest = sorted(
+        near, key=lambda one: (one.form.numbers, round(one.loss, LAW_FORMULAS.alike), one.functions[0].numbers)
+    )
     texts = [_text(one, name, bool(constant)) for one in simplest[: LAW_FORMULAS.most]]
     if len(near) > 1:
         # of several none is sure: the law stays the curve

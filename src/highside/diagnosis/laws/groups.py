@@ -248,15 +248,15 @@ def _shapes(problem: LawProblem, units: tuple[PlaceField, ...], bases: Bases) ->
         for shape in dents:
             yield _group(problem, units, (Axis("tf", 0.0, 360.0, (shape,)),), zero, bases, len(dents))
     yield from _lines(problem, units, known, bases)
+    if "tf" in known:
+        # each by itself, too: one order alone is likelier than the twelve together, and than its fractions
+        for whole in range(1, LAW_GROUPS.orders + 1):
+            yield _one_order(problem, units, float(whole), None, bases, LAW_GROUPS.orders)
     if "tf_fraction" in known:
-        values = known["tf_fraction"]
         for k in range(1, LAW_GROUPS.fractions):
             order = k * LAW_GROUPS.fraction_step
-            if abs(order - round(order)) < LAW_GROUPS.distinct:
-                continue
-            both = tuple(Function(kind, (order,)) for kind in ("cos", "sin"))
-            axis = Axis("tf_fraction", float(values.min()), float(values.max()), both)
-            yield _group(problem, units, (axis,), np.zeros(2), bases, LAW_GROUPS.fractions)
+            if abs(order - round(order)) >= LAW_GROUPS.distinct:
+                yield _one_order(problem, units, order, known["tf_fraction"], bases, LAW_GROUPS.fractions)
 
 
 def _lines(
@@ -270,9 +270,18 @@ def _lines(
         name = "tf" if whole else "tf_fraction"
         if name not in known or order <= 0 or (whole and order <= LAW_GROUPS.orders):
             continue
-        both = tuple(Function(kind, (order,)) for kind in ("cos", "sin"))
-        low, high = (0.0, 360.0) if whole else (float(known[name].min()), float(known[name].max()))
-        yield _group(problem, units, (Axis(name, low, high, both),), np.zeros(2), bases, LAW_GROUPS.lines)
+        yield _one_order(problem, units, order, None if whole else known[name], bases, LAW_GROUPS.lines)
+
+
+def _one_order(
+    problem: LawProblem, units: tuple[PlaceField, ...], order: float, fraction: Array | None, bases: Bases, tries: int
+) -> LawGroup:
+    """A cosine and a sine of one order of toolface: a whole one, or with `fraction` (n,) in deg one over its range."""
+    both = tuple(Function(kind, (order,)) for kind in ("cos", "sin"))
+    axis = Axis("tf", 0.0, 360.0, both)
+    if fraction is not None:
+        axis = Axis("tf_fraction", float(fraction.min()), float(fraction.max()), both)
+    return _group(problem, units, (axis,), np.zeros(2), bases, tries)
 
 
 def confounded(one: Array, other: Array, share: float) -> bool:

@@ -217,6 +217,9 @@ class LawFormulasPolicy:
     """Waves over the range that a sine may have. Source: chosen; half a wave apart at first."""
     orders: int = 12
     """Whole orders of toolface. Source: as many as groups have."""
+    alike: int = 6
+    """Decimals of a loss, in units of the noise's square, beyond which two forms predict alike; the lower order stands
+    first then. Source: rounding, of orders that are the same readings on a grid of toolfaces."""
     centres: int = 72
     """Toolfaces of a dent. Source: chosen; half its least width apart."""
     dent_widths_deg: tuple[float, ...] = (5.0, 10.0, 20.0, 30.0)
