@@ -242,17 +242,23 @@ def drawn_departure(rng: np.random.Generator, hours: float) -> Departure:
     return Departure(name, size, float(rng.uniform(0.1, 0.6) * hours * 3600.0))
 
 
+def drawn_coefficient(rng: np.random.Generator) -> Departure:
+    """A temperature coefficient of an offset (3 to 50 ug/degC) that is not the record's, from the start."""
+    size = float(np.exp(rng.uniform(np.log(3e-6), np.log(5e-5))) * rng.choice([-1.0, 1.0]))
+    return Departure(str(rng.choice(["kT_x", "kT_y", "kT_z"])), size, 0.0)
+
+
 def quiet(wells: int, first_seed: int, conditions: Conditions) -> list[Outcome]:
     """Wells in which nothing departs."""
     return [run(WELLS[k % len(WELLS)], first_seed + k, conditions) for k in range(wells)]
 
 
-def departing(wells: int, first_seed: int, conditions: Conditions) -> list[Outcome]:
-    """Wells in each of which one thing departs."""
+def departing(wells: int, first_seed: int, conditions: Conditions, *, coefficients: bool = False) -> list[Outcome]:
+    """Wells in each of which one thing departs: a step, or a coefficient of temperature."""
     out = []
     for k in range(wells):
         rng = np.random.default_rng([first_seed, k])
-        what = drawn_departure(rng, conditions.hours)
+        what = drawn_coefficient(rng) if coefficients else drawn_departure(rng, conditions.hours)
         out.append(run(WELLS[k % len(WELLS)], first_seed + k, conditions, what))
     return out
 
@@ -269,6 +275,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--wells", type=int, default=30, help="without a departure, of each condition")
     parser.add_argument("--departures", type=int, default=30)
+    parser.add_argument("--coefficients", type=int, default=0, help="wells with a temperature coefficient instead")
     parser.add_argument("--hours", type=float, default=100.0)
     parser.add_argument("--first-seed", type=int, default=5000)
     args = parser.parse_args()
@@ -289,6 +296,9 @@ def main() -> None:
             f" {time.process_time() - begun:.0f} s of processor"
         )
     _print_departures(departing(args.departures, args.first_seed + 100_000, stated))
+    if args.coefficients:
+        print("temperature coefficients:")
+        _print_departures(departing(args.coefficients, args.first_seed + 200_000, stated, coefficients=True))
 
 
 def _print_departures(found: list[Outcome]) -> None:
