@@ -157,10 +157,9 @@ def _rows_of(
 def _show(diagnosis: DiagnosisResult) -> None:
     """The diagnosis in lines: verdict, claims, causes, what to look at."""
     from highside.report.diagnosis_claims import claim_size
-    from highside.report.diagnosis_words import blame, tested, verdict_words
+    from highside.report.diagnosis_words import blame, claimed, tested
 
-    named = ", ".join(claim.effect for claim in diagnosis.claims)
-    echo(f"{diagnosis.verdict} - {verdict_words(diagnosis)}{': ' + named if named else ''}{tested(diagnosis)}")
+    echo(f"{diagnosis.verdict} - {claimed(diagnosis)}{tested(diagnosis)}")
     for claim in diagnosis.claims:
         echo(f"{claim.effect}: {claim_size(claim)}")
     if blame(diagnosis):

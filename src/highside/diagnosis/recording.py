@@ -101,7 +101,12 @@ class Kind:
 def diagnose_columns(request: Request) -> Answer:
     """Diagnose a recording by the first of `KINDS` that is meant. Raises InputError for columns that do not do."""
     kind = next(kind for kind in KINDS if kind.meant(request))
-    return kind.diagnose(request)
+    answer = kind.diagnose(request)
+    # another program's prediction holds effects of its own, not those of the model
+    known = {} if request.predicted is not None else request.forward.parameters()
+    known = {effect: values for effect, values in known.items() if any(values.values())}
+    claims = tuple(replace(claim, simulated=known.get(claim.effect, {})) for claim in answer.diagnosis.claims)
+    return replace(answer, diagnosis=replace(answer.diagnosis, claims=claims))
 
 
 # --- what kinds share ----------------------------------------------------------------------------------------

@@ -139,20 +139,27 @@ def claims_table(claims: Sequence[Claim], shares: Mapping[str, float]) -> tuple[
 
 
 def first_sentence(diagnosis: DiagnosisResult, shares: Mapping[str, float], words: str) -> str:
-    """The answer in one sentence: what the simulation omits, the largest first; `words` where nothing is claimed."""
+    """The answer in one sentence: what the simulation omits, the largest first, then what it has at another size;
+    `words` where nothing is claimed."""
     if not diagnosis.claims:
         return words
-    parts = []
+    omitted, resized = [], []
     for claim in ordered(diagnosis.claims, shares):
         share = _share(claim, shares)
         title = law_words(claim) if is_law(claim) else claim_title(claim)
-        parts.append((title[0].lower() + title[1:]) + (f" ({_percent(share)} of the misfit)" if share > 0 else ""))
-    listed = parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} and {parts[-1]}"
+        part = (title[0].lower() + title[1:]) + (f" ({_percent(share)} of the misfit)" if share > 0 else "")
+        (resized if claim.simulated else omitted).append(part)
+    does = [f"omits {_listed(omitted)}"] if omitted else []
+    does += [f"has {_listed(resized)} at another size"] if resized else []
     rest = {
         "named_plus": ", and something more",
         "implausible_fit": ", at sizes that are not plausible",
     }.get(diagnosis.verdict, "")
-    return f"The simulation omits {listed}{rest}."
+    return f"The simulation {', and '.join(does)}{rest}."
+
+
+def _listed(parts: Sequence[str]) -> str:
+    return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} and {parts[-1]}"
 
 
 def covariate_label(claim: Claim) -> str:

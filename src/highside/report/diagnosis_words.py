@@ -63,6 +63,21 @@ def verdict_words(diagnosis: DiagnosisResult) -> str:
     return f"No effect was found. What is smaller than this would not show: {sizes}."
 
 
+def claimed(diagnosis: DiagnosisResult) -> str:
+    """Verdict and claims as a sentence: what the simulation leaves out, and what it has at another size."""
+    left_out = ", ".join(claim.effect for claim in diagnosis.claims if not claim.simulated)
+    resized = ", ".join(claim.effect for claim in diagnosis.claims if claim.simulated)
+    words = verdict_words(diagnosis)
+    if not resized or diagnosis.verdict not in ("named", "named_plus", "law"):
+        names = ", ".join(claim.effect for claim in diagnosis.claims)
+        return f"{words}: {names}" if names else words
+    other = f"at another size than the simulation has it: {resized}"
+    if left_out:
+        return f"{words}: {left_out}; {other}"
+    beyond = " (with a small remainder beyond it)" if diagnosis.verdict == "named_plus" else ""
+    return f"{other[0].upper()}{other[1:]}{beyond}"
+
+
 def axis_name(covariate: str) -> str:
     """A covariate, or a product of some, in words."""
     parts = [AXIS_NAMES.get(part) or _covariate(part) for part in covariate.split(" x ")]
@@ -147,8 +162,11 @@ def sizes(claim: Claim) -> str:
         factor, unit = scale_of(max(abs(p.value), p.std), p.unit)
         value, low, high = (rounded(factor * v, factor * p.std) for v in (p.value, p.low, p.high))
         interval = f" ({low} to {high})" if p.std > 0 else ""
-        words.append(f"{name} = {value} {unit}".rstrip() + interval)
-    return ", ".join(words)
+        simulated = ""
+        if name in claim.simulated:
+            simulated = f", in the simulation {rounded(factor * claim.simulated[name], factor * p.std)} {unit}".rstrip()
+        words.append(f"{name} = {value} {unit}".rstrip() + interval + simulated)
+    return (", " if not claim.simulated else "; ").join(words)
 
 
 def ranges(place: Location) -> str:

@@ -97,6 +97,8 @@ class Claim:
     """whether its size agrees over thirds of the session and halves of the inclinations or rates; None: not checked"""
     shape_within: float | None = None
     """how far another shape may depart from this one unseen, as a fraction of its size"""
+    simulated: dict[str, float] = field(default_factory=dict)
+    """values of its parameters in the simulation, which has the effect at another size; empty where it is left out"""
     place: str = ""
     """where the law acts (a key of the places of `physics.law`)"""
     depends_on: tuple[str, ...] = ()
