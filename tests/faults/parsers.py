@@ -43,7 +43,8 @@ from highside.config.settings import load, parse_overrides, validate
 from highside.fleet.catalogue import catalogue_of
 from highside.importing import profiles
 from highside.importing.core.wishes import Wishes
-from highside.importing.files import open_foreign, recording_of
+from highside.importing.files import open_foreign
+from highside.importing.joins import Joins, carry_out
 from highside.link.replay import events
 from highside.recording.calibration_store import CalibrationStore, read_record
 from highside.recording.candump import read_candump
@@ -321,7 +322,7 @@ class Bench:
         return True
 
     def _imported(self, data: bytes, wishes: Wishes) -> bool:
-        recording_of(open_foreign(self.put(data, "foreign.csv"), wishes))
+        carry_out(open_foreign(self.put(data, "foreign.csv"), wishes), (), Joins())
         return True
 
     # --- commands ----------------------------------------------------------------------------------------------
@@ -495,7 +496,9 @@ def all_parsers(bench: Bench) -> Sequence[Parser]:
         ),
         Parser("recording CSV.gz", of(seeds.recording_plain(), damage=damaged_gzip), bench.recording, (), TABLES),
         Parser("pose table", of(seeds.poses()), bench.pose_table, (seeds.poses(),), TABLES),
-        Parser("import CSV", of(*seeds.FOREIGN), bench.import_csv, (seeds.foreign_csv(),), IMPORT),
+        Parser(
+            "import CSV", of(*seeds.FOREIGN), bench.import_csv, (seeds.foreign_csv(), seeds.foreign_poses()), IMPORT
+        ),
         Parser("import containers", of(*containers), bench.import_container, containers, CONTAINERS),
         Parser("fleet catalogue", of(seeds.CATALOGUE), bench.catalogue, (seeds.CATALOGUE,), FLEET),
         Parser("import profile", of(seeds.PROFILE), bench.import_profile, (seeds.PROFILE,), IMPORT),

@@ -318,6 +318,18 @@ def foreign_csv() -> bytes:
     return "\n".join(lines).encode() + b"\n"
 
 
+@cache
+def foreign_poses() -> bytes:
+    """A spreadsheet of a turntable: angles and mean readings, no time."""
+    lines = ["incl [deg];toolface [deg];x [mg];y [mg];z [mg];std_ax;std_ay;std_az;n;remark"]
+    for inc in (20, 60, 110):
+        for tf in (45, 135, 225, 315):
+            s, c = math.sin(math.radians(inc)), math.cos(math.radians(inc))
+            x, y = s * math.cos(math.radians(tf)), s * math.sin(math.radians(tf))
+            lines.append(f"{inc};{tf};{1e3 * x:.2f};{1e3 * y:.2f};{1e3 * c:.2f};0.1;0.1;0.2;40;ok".replace(".", ","))
+    return "\n".join(lines).encode() + b"\n"
+
+
 def _summed(line: bytes) -> bytes:
     """A line as VectorNav writes it: with the sum of its bytes."""
     return b"$%s*%02X\r\n" % (line, functools.reduce(operator.xor, line))
@@ -330,6 +342,7 @@ FOREIGN = (
         b"%s,%s" % (b"2026-07-12T18:00:%02d.%03dZ" % divmod(100 * i, 1000) if i else b"time", line.partition(b",")[2])
         for i, line in enumerate(foreign_csv().splitlines())
     ),
+    foreign_poses(),
     _summed(b"VNYMR,+010.071,+000.278,-002.026,+00.0,+00.0,+00.0,-00.344,-00.049,-09.790,+00.0,-00.0,+00.0") * 6,
 )
 
