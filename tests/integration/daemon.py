@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import fcntl
+import itertools
 import json
 import os
 import pty
@@ -14,9 +16,10 @@ import time
 import tty
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import paho.mqtt.client as mqtt
+from pydantic import BaseModel
 
 HIGHSIDE = Path(sys.executable).parent / "highside"
 
@@ -119,6 +122,60 @@ def wait_for(condition: Callable[[], Any], timeout_s: float, what: str = "the co
         time.sleep(0.02)
     log = f"\n{daemon.log[-4000:]}" if daemon is not None else ""
     raise AssertionError(f"waited {timeout_s} s for {what}{log}")
+
+
+Reply = TypeVar("Reply", bound=BaseModel)
+
+
+class Operator(Generic[Reply]):
+    """Says commands to a part of a tool, `highside/TOOL/PART`, and hears its replies."""
+
+    _ids = itertools.count()
+
+    def __init__(self, port: int, topic: str, ear: Subscriber, reply: type[Reply]) -> None:
+        self._topic, self._ear, self._reply = topic, ear, reply
+        self._client = mqtt.Client(mqtt.CallbackAPIVersion.VERSION2)
+        self._client.connect("127.0.0.1", port)
+        self._client.loop_start()
+
+    def say(self, daemon: Daemon, **command: Any) -> Reply:
+        """The reply, within ten seconds."""
+        name = f"c{next(self._ids)}"
+        self._client.publish(f"{self._topic}/command", json.dumps({"id": name, **command}), qos=1)
+        replies = f"{self._topic.rsplit('/', 1)[1]}/reply"
+
+        def replied() -> dict[str, Any] | None:
+            return next((reply for reply in self._ear.payloads(replies) if reply["id"] == name), None)
+
+        return self._reply.model_validate(wait_for(replied, 10.0, f"a reply to {command}", daemon))
+
+    def close(self) -> None:
+        self._client.disconnect()
+        self._client.loop_stop()
+
+
+def is_held(path: str) -> bool:
+    """Whether somebody has the port open for himself alone."""
+    descriptor = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        return True
+    finally:
+        os.close(descriptor)
+    return False
+
+
+def still_tool(folder: Path, port: int, extra: str = "", motion: str = 'motion = "still"') -> Path:
+    """The configuration of a simulated tool at rest, its broker at `port`."""
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / "highside.toml"
+    path.write_text(
+        f'[tool]\nid = "t1"\nserial = "SN 7"\n[link]\nkind = "simulated"\n{motion}\nnoise_density_g = 2e-5\n'
+        f'[codec]\nname = "tool"\n[survey]\nstill_s = 2.0\n[mqtt]\nport = {port}\n'
+        f'[service]\nstate_dir = "{folder / "state"}"\nhealth_interval_s = 0.2\n{extra}'
+    )
+    return path
 
 
 class Pty:

@@ -11,20 +11,9 @@ from pathlib import Path
 
 import pytest
 from broker import Mosquitto, free_port
-from daemon import HIGHSIDE, Pty, Subscriber, running, wait_for
+from daemon import HIGHSIDE, Pty, Subscriber, running, still_tool, wait_for
 
 pytestmark = pytest.mark.slow
-
-
-def configuration(folder: Path, broker: Mosquitto, extra: str = "") -> Path:
-    folder.mkdir(parents=True, exist_ok=True)
-    path = folder / "highside.toml"
-    path.write_text(
-        '[tool]\nid = "t1"\nserial = "SN 7"\n[link]\nkind = "simulated"\nmotion = "still"\nnoise_density_g = 2e-5\n'
-        f'[codec]\nname = "tool"\n[survey]\nstill_s = 2.0\n[mqtt]\nport = {broker.port}\n'
-        f'[service]\nstate_dir = "{folder / "state"}"\nhealth_interval_s = 0.2\n{extra}'
-    )
-    return path
 
 
 @pytest.fixture
@@ -51,7 +40,7 @@ def command(*arguments: str) -> subprocess.CompletedProcess[str]:
 
 def test_doctor_beside_a_healthy_service_finds_no_fault_and_says_nothing_at_the_broker(tmp_path: Path) -> None:
     with plain_broker(tmp_path / "broker") as broker:
-        path = configuration(tmp_path / "service", broker)
+        path = still_tool(tmp_path / "service", broker.port)
         subscriber = Subscriber(broker.port, "#")
         try:
             with running(path) as daemon:
@@ -87,7 +76,7 @@ def test_doctor_beside_a_healthy_service_finds_no_fault_and_says_nothing_at_the_
 def test_the_brokers_queue_is_tried_without_a_word_on_stderr(tmp_path: Path) -> None:
     """The client library counts messages under way as warnings: 960 lines for 1,200 messages."""
     with plain_broker(tmp_path / "broker") as broker:
-        answer = command("doctor", "--config", str(configuration(tmp_path / "c", broker)), "--queue", "1200")
+        answer = command("doctor", "--config", str(still_tool(tmp_path / "c", broker.port)), "--queue", "1200")
         assert answer.stderr == ""
         assert re.search(r"broker queue\s+keeps 1,0\d\d of 1,200", answer.stdout), answer.stdout
 
@@ -95,7 +84,7 @@ def test_the_brokers_queue_is_tried_without_a_word_on_stderr(tmp_path: Path) -> 
 def test_a_tool_that_was_never_calibrated_is_reported_to_be_calibrated(tmp_path: Path, broker: Mosquitto) -> None:
     store = tmp_path / "calibrations"
     (store / "records").mkdir(parents=True)
-    path = configuration(tmp_path / "c", broker, f'[calibration]\nstore = "{store}"\n')
+    path = still_tool(tmp_path / "c", broker.port, f'[calibration]\nstore = "{store}"\n')
     answer = command("doctor", "--config", str(path), "--json")
     found = {finding["check"]: finding for finding in json.loads(answer.stdout)["findings"]}
     assert answer.returncode == 0
@@ -110,7 +99,7 @@ def test_a_tool_that_was_never_calibrated_is_reported_to_be_calibrated(tmp_path:
     assert "run `highside calibrate bench`" in said
     assert "refused" not in said, "nothing was refused"
 
-    path = configuration(tmp_path / "c", broker, f'[calibration]\nstore = "{tmp_path / "nope"}"\n')
+    path = still_tool(tmp_path / "c", broker.port, f'[calibration]\nstore = "{tmp_path / "nope"}"\n')
     checked = command("check", str(path))
     assert checked.returncode == 2
     assert checked.stderr.startswith(
@@ -123,7 +112,7 @@ def test_a_tool_that_was_never_calibrated_is_reported_to_be_calibrated(tmp_path:
 
 
 def test_doctor_says_what_is_wrong_and_what_to_do(tmp_path: Path, broker: Mosquitto) -> None:
-    path = configuration(tmp_path / "doctor", broker, "")
+    path = still_tool(tmp_path / "doctor", broker.port, "")
     answer = command("doctor", "--config", str(path), "--json", "--queue", "300")
     report = json.loads(answer.stdout)
     found = {finding["check"]: finding for finding in report["findings"]}
@@ -155,7 +144,7 @@ def test_doctor_finds_the_brokers_queue_limit(tmp_path: Path) -> None:
     shipped = folder / "mosquitto.conf"
     shipped.write_text(f"listener {port} 127.0.0.1\nallow_anonymous true\nuser root\n")
     with Mosquitto(folder, config=shipped, port=port) as broker:
-        path = configuration(tmp_path / "c", broker, "")
+        path = still_tool(tmp_path / "c", broker.port, "")
         report = json.loads(command("doctor", "--config", str(path), "--json", "--queue", "1200").stdout)
         queue = next(f for f in report["findings"] if f["check"] == "broker queue")
         assert queue["level"] == "warn"
@@ -168,7 +157,7 @@ def test_doctor_finds_the_brokers_queue_limit(tmp_path: Path) -> None:
 
 def test_doctor_sees_a_service_that_runs_and_leaves_its_port_alone(tmp_path: Path, broker: Mosquitto) -> None:
     line = Pty()
-    path = configuration(tmp_path / "r", broker, "")
+    path = still_tool(tmp_path / "r", broker.port, "")
     path.write_text(path.read_text().replace('kind = "simulated"\nmotion = "still"\nnoise_density_g = 2e-5',
                                              f'kind = "serial"\nport = "{line.path}"'))  # fmt: skip
     subscriber = Subscriber(broker.port)

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import itertools
-import json
 import math
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
-import paho.mqtt.client as mqtt
 import pytest
 from broker import Mosquitto
-from daemon import Daemon, Subscriber, running, wait_for
+from daemon import Operator, Subscriber, running, wait_for
 
 from highside.link.device import DeviceSettings, SimulatedDevice
 from highside.link.wire import PtyWire
@@ -58,31 +54,6 @@ def config(folder: Path, tool: SimulatedDevice, broker: Mosquitto, extra: str = 
     return path
 
 
-class Operator:
-    """Says commands and hears replies."""
-
-    _ids = itertools.count()
-
-    def __init__(self, broker: Mosquitto, ear: Subscriber) -> None:
-        self._ear = ear
-        self._client = mqtt.Client(mqtt.CallbackAPIVersion.VERSION2)
-        self._client.connect("127.0.0.1", broker.port)
-        self._client.loop_start()
-
-    def say(self, daemon: Daemon, **command: Any) -> DriftReply:
-        name = f"c{next(self._ids)}"
-        self._client.publish("highside/t1/drift/command", json.dumps({"id": name, **command}), qos=1)
-
-        def replied() -> dict[str, Any] | None:
-            return next((reply for reply in self._ear.payloads("drift/reply") if reply["id"] == name), None)
-
-        return DriftReply.model_validate(wait_for(replied, 10.0, f"a reply to {command}", daemon))
-
-    def close(self) -> None:
-        self._client.disconnect()
-        self._client.loop_stop()
-
-
 def latest(ear: Subscriber) -> AttitudeMessage:
     message = ear.latest("attitude")
     assert message is not None
@@ -99,7 +70,7 @@ def test_the_azimuth_is_reported_followed_and_outlives_the_daemon(
 ) -> None:
     path = config(tmp_path, tool, broker)
     ear = Subscriber(broker.port)
-    operator = Operator(broker, ear)
+    operator = Operator(broker.port, "highside/t1/drift", ear, DriftReply)
     try:
         with running(path) as daemon:
             wait_for(lambda: ear.latest("attitude") and latest(ear).azi_basis == ["unaligned"], 20.0, "gyros", daemon)

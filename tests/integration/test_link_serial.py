@@ -11,6 +11,8 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
 from pathlib import Path
 
 import pytest
@@ -180,15 +182,28 @@ async def test_a_busy_port_is_taken_over_when_its_owner_lets_go(tmp_path: Path) 
         await until(lambda: supervisor.stats.opens == 1, what="taken over")
 
 
-async def test_a_device_that_returns_under_another_node_is_found_through_its_link(tmp_path: Path) -> None:
-    link = tmp_path / "by-id"
+def two_wires(link: Path) -> tuple[PtyWire, PtyWire]:
+    """Two plugged wires, and the link that leads to the first."""
     first, second = PtyWire(), PtyWire()
     first.plug()
     second.plug()
     link.symlink_to(first.address)
+    return first, second
+
+
+@asynccontextmanager
+async def followed(link: Path) -> AsyncIterator[tuple[PtyWire, PtyWire, Memory]]:
+    """A link that leads to the first of two wires, open through it."""
+    first, second = two_wires(link)
     memory = Memory()
     async with supervised(lambda: SerialTransport(SerialSettings(port=str(link))), memory):
         await until(lambda: first.listened_to, what="first open")
+        yield first, second, memory
+
+
+async def test_a_device_that_returns_under_another_node_is_found_through_its_link(tmp_path: Path) -> None:
+    link = tmp_path / "by-id"
+    async with followed(link) as (first, second, memory):
         first.write(b"one ")
         await until(lambda: memory.data == b"one ", what="first data")
         first.unplug()
@@ -203,13 +218,7 @@ async def test_a_device_that_returns_under_another_node_is_found_through_its_lin
 
 async def test_a_link_that_moves_while_the_old_node_stays_open_is_followed(tmp_path: Path) -> None:
     link = tmp_path / "by-id"
-    first, second = PtyWire(), PtyWire()
-    first.plug()
-    second.plug()
-    link.symlink_to(first.address)
-    memory = Memory()
-    async with supervised(lambda: SerialTransport(SerialSettings(port=str(link))), memory):
-        await until(lambda: first.listened_to, what="first open")
+    async with followed(link) as (first, second, _):
         link.unlink()
         link.symlink_to(second.address)
         await until(lambda: second.listened_to and not first.listened_to, what="moved")

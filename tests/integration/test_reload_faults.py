@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import fcntl
 import gc
 import os
 import signal
@@ -22,7 +21,7 @@ from typing import Any
 
 import pytest
 from broker import free_port
-from daemon import Pty
+from daemon import Pty, is_held
 
 from highside.codec.tool import encode
 from highside.config.settings import load
@@ -146,7 +145,7 @@ class Rig:
         self.service = app.Service(load(self.path), reload=lambda: load(self.path))
         task = asyncio.create_task(self.service.run())
         try:
-            await self.until(lambda: held(self.line.path), "the line")
+            await self.until(lambda: is_held(self.line.path), "the line")
             await self.until(lambda: any("READY=1" in text for text in self.manager.heard()), "READY")
             yield self
         finally:
@@ -172,7 +171,7 @@ class Rig:
 
     async def frames_flow(self, line: Pty) -> None:
         """Frames on a line make attitudes, and none is missing."""
-        await self.until(lambda: held(line.path), "the line to be held")
+        await self.until(lambda: is_held(line.path), "the line to be held")
         counts, made = self.service.pipeline.monitor.counts, self.service.pipeline.attitudes
         good, gap = counts.good, counts.gap
         line.write_all(
@@ -184,18 +183,6 @@ class Rig:
         assert counts.gap == gap
         assert self.service.pipeline.attitudes > made
         assert self.service.health().balance == {"bytes": True, "frames": True, "messages": True}
-
-
-def held(path: str) -> bool:
-    """Whether somebody has the port for himself."""
-    descriptor = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
-        return True
-    finally:
-        os.close(descriptor)
-    return False
 
 
 def listening(host: str, port: int) -> bool:
@@ -282,7 +269,7 @@ async def test_a_fault_at_any_line_of_a_reload_changes_nothing(tmp_path, monkeyp
                 await bench.until(lambda: len(asyncio.all_tasks()) <= tasks, f"{target}: no task is left over")
                 gc.collect()
                 if kind == "beside":
-                    assert not held(bench.other.path), target
+                    assert not is_held(bench.other.path), target
                     assert not listening("127.0.0.1", new_figures), target
                     places.ToolLock("t1", load(bench.path).mqtt).release()
                 assert not listening("127.0.0.2", figures), target

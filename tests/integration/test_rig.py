@@ -18,7 +18,7 @@ from pathlib import Path
 
 import pytest
 from broker import Mosquitto, free_port
-from daemon import HIGHSIDE, Pty, Subscriber, running, wait_for
+from daemon import HIGHSIDE, Pty, Subscriber, running, still_tool, wait_for
 from prometheus_client.parser import text_string_to_metric_families
 
 pytestmark = pytest.mark.slow
@@ -33,17 +33,6 @@ def independent_records(data: bytes) -> tuple[list[dict[str, str]], bytes]:
         lines = match[1].decode("ascii").split("\r\n")[:-1]
         found.append({line[:4]: line[4:] for line in lines})
     return found, RECORD.sub(b"", data)
-
-
-def configuration(folder: Path, broker: Mosquitto, extra: str, motion: str = 'motion = "still"') -> Path:
-    folder.mkdir(parents=True, exist_ok=True)
-    path = folder / "highside.toml"
-    path.write_text(
-        f'[tool]\nid = "t1"\nserial = "SN 7"\n[link]\nkind = "simulated"\n{motion}\nnoise_density_g = 2e-5\n'
-        f'[codec]\nname = "tool"\n[survey]\nstill_s = 2.0\n[mqtt]\nport = {broker.port}\n'
-        f'[service]\nstate_dir = "{folder / "state"}"\nhealth_interval_s = 0.2\n{extra}'
-    )
-    return path
 
 
 @pytest.fixture
@@ -78,7 +67,7 @@ def test_the_whole_pack_live(tmp_path: Path, broker: Mosquitto) -> None:
         )
     )
     extra = f"{wits}[metrics]\nport = {metrics_port}\n[home_assistant]\n[site]\ngravity_mps2 = 9.81\n"
-    path = configuration(tmp_path / "live", broker, extra)
+    path = still_tool(tmp_path / "live", broker.port, extra)
     subscriber = Subscriber(broker.port, "#")
     assert command("toolface", "set", "100", "--config", str(path), "--author", "day shift").returncode == 0
     try:
@@ -190,7 +179,7 @@ def test_a_rig_that_is_away_dead_or_comes_back(tmp_path: Path, broker: Mosquitto
         f'[[wits]]\nkind = "serial"\nport = "{absent}"\ninterval_s = 0.2\n'
         f'[[wits]]\nkind = "tcp_client"\nhost = "127.0.0.1"\nport = {port}\ninterval_s = 0.2\n'
     )
-    path = configuration(tmp_path / "away", broker, extra)
+    path = still_tool(tmp_path / "away", broker.port, extra)
     subscriber = Subscriber(broker.port)
     try:
         with running(path) as daemon:
@@ -222,7 +211,7 @@ def test_a_rig_that_is_away_dead_or_comes_back(tmp_path: Path, broker: Mosquitto
 
 
 def test_reload_takes_new_outputs_and_refuses_what_cannot_be(tmp_path: Path, broker: Mosquitto) -> None:
-    path = configuration(tmp_path / "reload", broker, "")
+    path = still_tool(tmp_path / "reload", broker.port, "")
     good = path.read_text()
     subscriber = Subscriber(broker.port)
     try:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import json
 import os
 import random
@@ -15,7 +14,7 @@ from pathlib import Path
 
 import pytest
 from broker import Mosquitto
-from daemon import HIGHSIDE, Daemon, Pty, Subscriber, running, wait_for
+from daemon import HIGHSIDE, Daemon, Pty, Subscriber, is_held, running, wait_for
 
 from highside.codec import vn100
 from highside.codec.tool import encode
@@ -84,18 +83,6 @@ def reload(daemon: Daemon, subscriber: Subscriber, path: Path, content: str) -> 
 
 def healthy(subscriber: Subscriber, condition, daemon: Daemon, what: str) -> dict:
     return wait_for(lambda: (h := subscriber.latest("health")) and condition(h) and h, 10, what, daemon)
-
-
-def is_held(path: str) -> bool:
-    """Whether the service has the port open for itself alone."""
-    descriptor = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
-        return True
-    finally:
-        os.close(descriptor)
-    return False
 
 
 def test_a_storm_of_reloads_between_two_links_ends_on_the_last_one_and_sigterm_in_the_midst_of_one_is_obeyed(

@@ -5,7 +5,6 @@ The tool's time runs many times faster than ours: stands of a rest and a turn, h
 
 from __future__ import annotations
 
-import itertools
 import json
 import re
 import signal
@@ -17,10 +16,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import paho.mqtt.client as mqtt
 import pytest
 from broker import Mosquitto, free_port
-from daemon import HIGHSIDE, Daemon, Pty, Subscriber, running, wait_for
+from daemon import HIGHSIDE, Daemon, Operator, Pty, Subscriber, running, wait_for
 from prometheus_client.parser import text_string_to_metric_families
 
 import highside
@@ -124,31 +122,6 @@ def config(folder: Path, tool: Tool, broker: Mosquitto, store: Path, extra: str 
     return path
 
 
-class Operator:
-    """Says commands and hears replies."""
-
-    _ids = itertools.count()
-
-    def __init__(self, broker: Mosquitto, ear: Subscriber) -> None:
-        self._ear = ear
-        self._client = mqtt.Client(mqtt.CallbackAPIVersion.VERSION2)
-        self._client.connect("127.0.0.1", broker.port)
-        self._client.loop_start()
-
-    def say(self, daemon: Daemon, **command: Any) -> WatchReply:
-        name = f"c{next(self._ids)}"
-        self._client.publish("highside/HS-1/watch/command", json.dumps({"id": name, **command}), qos=1)
-
-        def replied() -> dict[str, Any] | None:
-            return next((reply for reply in self._ear.payloads("watch/reply") if reply["id"] == name), None)
-
-        return WatchReply.model_validate(wait_for(replied, 10.0, f"a reply to {command}", daemon))
-
-    def close(self) -> None:
-        self._client.disconnect()
-        self._client.loop_stop()
-
-
 def watch(ear: Subscriber) -> WatchMessage | None:
     found = ear.latest("watch")
     return None if found is None else WatchMessage.model_validate(found)
@@ -208,7 +181,7 @@ def test_a_shock_that_leaves_an_offset_is_said_flagged_and_outlives_a_kill(
 ) -> None:
     path = config(tmp_path, tool, broker, store)
     ear = Subscriber(broker.port)
-    operator = Operator(broker, ear)
+    operator = Operator(broker.port, "highside/HS-1/watch", ear, WatchReply)
     try:
         with running(path) as daemon:
             first = wait_for(lambda: watch(ear), 60.0, "the first word of the watch", daemon)

@@ -17,7 +17,7 @@ import math
 import threading
 import time
 from collections.abc import Callable, Iterator
-from typing import NamedTuple
+from typing import NamedTuple, TypedDict
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -345,34 +345,31 @@ class SimulatedDevice:
 
 def encode(frame: Frame) -> bytes:
     """A reading as the tool's own serial frame."""
-    return tool.encode(
-        frame.seq or 0,
-        frame.t_s or 0.0,
-        frame[3:6],
-        gyro_dps=_gyro(frame),
-        temp_c=frame.temp_c,
-        rotor_deg=frame.rotor_deg,
-        rotor_rate_dps=frame.rotor_rate_dps or 0.0,
-    )
+    return tool.encode(frame.seq or 0, frame.t_s or 0.0, frame[3:6], **_measured(frame))
 
 
 def encode_can(frame: Frame) -> list[CanFrame]:
     """A reading as the tool's own CAN messages (`config/highside.dbc`)."""
-    return tool_can.encode(
-        frame.seq or 0,
-        frame.t_s or 0.0,
-        frame[3:6],
-        gyro_dps=_gyro(frame),
-        temp_c=frame.temp_c,
-        rotor_deg=frame.rotor_deg,
-        rotor_rate_dps=frame.rotor_rate_dps or 0.0,
-    )
+    return tool_can.encode(frame.seq or 0, frame.t_s or 0.0, frame[3:6], **_measured(frame))
 
 
-def _gyro(frame: Frame) -> tuple[float, float, float] | None:
-    if frame.gx is None or frame.gy is None or frame.gz is None:
-        return None
-    return frame.gx, frame.gy, frame.gz
+class _Measured(TypedDict):
+    """What both encoders take beside the accelerations."""
+
+    gyro_dps: tuple[float, float, float] | None
+    temp_c: float | None
+    rotor_deg: float | None
+    rotor_rate_dps: float
+
+
+def _measured(frame: Frame) -> _Measured:
+    x, y, z = frame.gx, frame.gy, frame.gz
+    return {
+        "gyro_dps": None if x is None or y is None or z is None else (x, y, z),
+        "temp_c": frame.temp_c,
+        "rotor_deg": frame.rotor_deg,
+        "rotor_rate_dps": frame.rotor_rate_dps or 0.0,
+    }
 
 
 class SimulatedTransport:
