@@ -8,6 +8,7 @@ import pytest
 from highside.api.diagnosis import Diagnosis, diagnose
 from highside.api.simulation import simulate
 from highside.config.model import Model
+from highside.physics.state import ChainState
 
 MOTION = {"kind": "poses", "inclinations_deg": [10.0, 35.0, 60.0, 85.0, 110.0, 140.0], "hold_s": 10.0, "row_s": 1.0}
 TILT_RAD = np.radians(0.2)
@@ -64,3 +65,42 @@ def test_one_left_out_and_one_at_another_size_are_told_apart() -> None:
 
 def test_the_right_size_is_nothing() -> None:
     assert diagnosed(model(0.2), model(0.2)).verdict == "nothing_left_out"
+
+
+def beside_a_law(seed: int, tilt_deg: float) -> dict[str, np.ndarray]:
+    """72 poses over temperature, a tilt of the base, and an offset of y that no effect of the library is."""
+    rng, n = np.random.default_rng(seed), 72
+    inc, tf = np.tile(np.arange(6) * 30.0, 12) + rng.uniform(0, 5, n), np.repeat(np.arange(12) * 30.0, 6)
+    temp = 20 + 40 * ((np.arange(n) * 5) % n) / n
+    state = ChainState.build(np.radians(inc), np.radians(tf), t_s=60.0 * np.arange(n), temp_c=temp)
+    read = model(tilt_deg).forward().predict(state)
+    read = (np.eye(3) + rng.normal(0, 2e-3, (3, 3))) @ read + rng.normal(0, 3e-3, (3, 1))
+    read[1] += 3e-3 * np.tanh((temp - 38) / 4)
+    read += rng.normal(0, 2e-4, read.shape)
+    return {"inc_ref_deg": inc, "tf_ref_deg": tf, "temp_c": temp, "ax": read[0], "ay": read[1], "az": read[2]}
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("true_deg", [0.0, 0.05, 0.1])
+def test_beside_a_law_a_size_that_the_simulation_has_wrong_is_named_with_the_right_one(
+    seed: int, true_deg: float
+) -> None:
+    knows = Model.model_validate(
+        {
+            "sensor": {"noise_g": 2e-4},
+            "effects": {"included": ["base_tilt"], "base_tilt": {"tilt_x_deg": 0.05, "tilt_y_deg": -0.05}},
+        }
+    )
+    made = diagnose(beside_a_law(seed, true_deg), knows)
+    laws = [claim for claim in made.claims if claim.effect.startswith("law:")]
+    assert [claim.place for claim in laws] == ["offset"]
+    assert (laws[0].channels, laws[0].depends_on) == (("ay",), ("temp",))
+    names = {claim.effect: claim for claim in made.claims if claim not in laws}
+    if true_deg == 0.05:
+        assert not names
+        return
+    assert set(names) == {"base_tilt"}
+    assert names["base_tilt"].simulated["tilt_x"] == pytest.approx(np.radians(0.05))
+    for parameter, sign in (("tilt_x", 1), ("tilt_y", -1)):
+        found = names["base_tilt"].parameters[parameter]
+        assert abs(found.value - sign * np.radians(true_deg)) < 4 * found.std

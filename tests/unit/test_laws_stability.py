@@ -41,7 +41,7 @@ def test_a_size_that_changes_over_the_session_is_no_constant(seed: int, late: fl
     problem, own = squares(seed, size)
     found = Search(problem, [own]).beside([own], [])
     assert [term.group.effect for term in found.terms] == ["quadratic"]
-    claim = named_claim(found, 0, get("quadratic"))
+    claim = named_claim(found, 0, get("quadratic"), {})
     assert claim.stable is constant
     if constant:
         assert claim.parameters["k2_x"].value == pytest.approx(2e-3, rel=0.1)

@@ -171,7 +171,10 @@ def _chosen(session: LawSession, model: ForwardModel, claims: Sequence[Claim], n
         return None
     # against the names: their own columns among the groups, all to first order about the base
     columns = {c.effect: session.effect_columns(model, c.effect, values[c.effect]) for c in claims}
-    moved = sum((np.tensordot(sizes, table, 1) for table, sizes in columns.values()), np.zeros_like(session.floor))
+    moved = np.zeros_like(session.floor)
+    for effect, (table, sizes) in columns.items():
+        # what the model has of an effect stays in it: the name stands for the rest
+        moved += np.tensordot(sizes - _sizes_in(session, model, effect), table, 1)
     problem = session.problem(model, session.residual(named) + moved)
     own = [EffectGroup.of(name, table, session.floor) for name, (table, _) in columns.items()]
     search = Search(problem, [*groups_of(problem), *own])
@@ -217,8 +220,11 @@ def _alone(session: LawSession, model: ForwardModel, near: Sequence[str]) -> _Ou
         found = searched(residual - beyond)
     if not found.terms:
         return None
+    known = model.parameters()
     names = tuple(
-        named_claim(found, k, library.get(t.group.effect)) for k, t in enumerate(found.terms) if t.group.effect
+        named_claim(found, k, library.get(t.group.effect), known.get(t.group.effect, {}))
+        for k, t in enumerate(found.terms)
+        if t.group.effect
     )
     changing = {claim.effect for claim in names if not claim.stable}
     if changing:
@@ -227,10 +233,15 @@ def _alone(session: LawSession, model: ForwardModel, near: Sequence[str]) -> _Ou
     return _Outcome(names, tuple(reported_laws(found)), found)
 
 
+def _sizes_in(session: LawSession, model: ForwardModel, effect: str) -> Array:
+    """(k,) the amplitudes of an effect in the model; zero where it lacks the effect."""
+    return session.effect_columns(model, effect, model.parameters().get(effect, {}))[1]
+
+
 def _plain_groups(session: LawSession, model: ForwardModel, name: str) -> list[EffectGroup]:
     """An effect of the library as a group, if nothing but its sizes is to be found."""
     effect = library.all_effects().get(name)
-    if effect is None or effect.random or effect.shapes or name in {*model.ids, *session.free}:
+    if effect is None or effect.random or effect.shapes or name in session.free:
         return []
     columns = session.effect_columns(model, name, {})[0]
     return [EffectGroup.of(name, columns, session.floor)] if np.any(columns) else []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -226,8 +227,9 @@ def _projected(rows: Array, target: Array) -> Array:
     return np.asarray(np.linalg.lstsq(rows.T, target, rcond=LAW_REPORT.ridge)[0] @ rows)
 
 
-def named_claim(found: Found, k: int, effect: Effect) -> Claim:
-    """The claim of a library effect that was chosen among laws, its sizes as they are beside them."""
+def named_claim(found: Found, k: int, effect: Effect, known: Mapping[str, float]) -> Claim:
+    """The claim of a library effect that was chosen among laws, its sizes as they are beside them; `known`: the values
+    that the model has of its parameters, from which on it was fitted."""
     white = found.whitened()
     terms = list(found.terms)
     mean, covariance = white.posterior(terms)
@@ -237,6 +239,7 @@ def named_claim(found: Found, k: int, effect: Effect) -> Claim:
     value, std = np.zeros(group.unit.size), np.zeros(group.unit.size)
     value[shown] = mean[part] / group.unit[shown]
     std[shown] = np.sqrt(np.diag(covariance[part, part])) / group.unit[shown]
+    value += [known.get(effect.parameters[i].name, 0.0) for i in effect.amplitudes]
     half = LAW_REPORT.sure * std
     parameters = {
         effect.parameters[i].name: FittedParameter(
