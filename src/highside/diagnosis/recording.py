@@ -20,6 +20,7 @@ from highside.diagnosis.engine import diagnose_magnitudes, diagnose_poses, diagn
 from highside.diagnosis.intake.checks import Intake, check, missing_rows
 from highside.diagnosis.intake.clipped import with_clipping, without_clipped_poses, without_meaning
 from highside.diagnosis.magnitude.session import magnitude_session, nothing_testable
+from highside.diagnosis.poses.outlying import without_outlying_poses
 from highside.diagnosis.poses.session import pose_session
 from highside.diagnosis.rows.session import rotation_session
 from highside.diagnosis.simulation.alignment import Align
@@ -179,10 +180,11 @@ def _poses(request: Request) -> Answer:
         )
     except InputError as error:
         raise _of_recording(request, error) from None
+    session, outlying = without_outlying_poses(session, request.forward, request.free)
     diagnosis, report_data = diagnose_poses(
         session, request.forward, request.free, seed=request.seed, version=request.version, method=request.method
     )
-    every = (*found.findings, *diagnosis.intake)
+    every = (*found.findings, *outlying, *diagnosis.intake)
     return Answer(with_clipping(replace(diagnosis, intake=every), found, request.axes), report_data)
 
 
