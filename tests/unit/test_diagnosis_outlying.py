@@ -5,7 +5,7 @@ import pytest
 
 from highside.api.diagnosis import Diagnosis, diagnose
 from highside.config.model import Model
-from highside.diagnosis.poses.outlying import outlying_poses
+from highside.diagnosis.core.outlying import outlying_readings
 from highside.physics.gravity import gravity_direction
 
 SIGMA = 2e-4
@@ -58,6 +58,24 @@ def test_a_narrow_law_is_no_outlying_pose(law_g: float) -> None:
     assert [(claim.place, claim.depends_on) for claim in made.claims] == [("offset", ("load_x",))]
 
 
+def by_hand(columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    return {name: values for name, values in columns.items() if not name.endswith("_ref_deg")}
+
+
+@pytest.mark.parametrize("off_g", [5e-3, -5e-2, 0.5])
+def test_a_reading_of_a_hand_session_whose_magnitude_is_off_is_named(off_g: float) -> None:
+    columns = session(6, {})
+    along = np.vstack([columns[name] for name in ("ax", "ay", "az")])[:, 20]
+    for name, part in zip(("ax", "ay", "az"), off_g * along, strict=True):
+        columns[name][20] += part
+    model = Model.model_validate({"sensor": {"noise_g": SIGMA}, "reference": {"kind": "magnitude"}})
+    assert not outlying(diagnose(by_hand(session(6, {})), model))
+    made = diagnose(by_hand(columns), model)
+    assert made.verdict == "nothing_left_out"
+    (said,) = outlying(made)
+    assert said.startswith("reading 21 of 72, at ")
+
+
 def residuals(seed: int, kind: str, n: int) -> tuple[np.ndarray, np.ndarray]:
     rng = np.random.default_rng(seed)
     load = gravity_direction(np.radians(rng.uniform(5, 170, n)), np.radians(rng.uniform(0, 360, n)))
@@ -73,7 +91,7 @@ def test_noise_seldom_makes_an_outlying_pose(kind: str, most: int) -> None:
     flagged = 0
     for seed in range(300):
         n = int(np.random.default_rng(seed).integers(24, 200))
-        flagged += bool(outlying_poses(*residuals(seed, kind, n))[0])
+        flagged += bool(outlying_readings(*residuals(seed, kind, n))[0])
     assert flagged <= most
 
 
@@ -82,7 +100,7 @@ def test_a_pose_that_the_fit_takes_whole_is_judged_by_no_other() -> None:
     alone = np.zeros((1, 3, 30))
     alone[0, 1, 7] = 1.0
     residual[1, 7] = 0.0
-    assert outlying_poses(residual, np.concatenate([columns, alone])) == ([], [])
+    assert outlying_readings(residual, np.concatenate([columns, alone])) == ([], [])
 
 
 def test_a_session_of_few_poses_is_left_as_it_is() -> None:

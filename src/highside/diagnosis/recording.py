@@ -19,9 +19,9 @@ from highside.diagnosis.core.result import DiagnosisResult, Finding
 from highside.diagnosis.engine import diagnose_magnitudes, diagnose_poses, diagnose_rotation, diagnose_simulation
 from highside.diagnosis.intake.checks import Intake, check, missing_rows
 from highside.diagnosis.intake.clipped import with_clipping, without_clipped_poses, without_meaning
+from highside.diagnosis.magnitude.outlying import without_outlying_readings
 from highside.diagnosis.magnitude.session import magnitude_session, nothing_testable
-from highside.diagnosis.poses.outlying import without_outlying_poses
-from highside.diagnosis.poses.session import pose_session
+from highside.diagnosis.poses.session import pose_session, without_outlying_poses
 from highside.diagnosis.rows.session import rotation_session
 from highside.diagnosis.simulation.alignment import Align
 from highside.diagnosis.simulation.intake import check_prediction
@@ -244,10 +244,11 @@ def _magnitude(request: Request) -> Answer:
     session = magnitude_session(request.columns, accel, gravity_mps2=request.site.gravity_mps2)
     if isinstance(session, str):
         return Answer(nothing_testable(session, found.findings, request.seed, request.version), None)
+    session, outlying = without_outlying_readings(session, request.forward, request.free)
     diagnosis, report_data = diagnose_magnitudes(
         session, request.forward, request.free, seed=request.seed, version=request.version
     )
-    return Answer(replace(diagnosis, intake=found.findings), report_data)
+    return Answer(replace(diagnosis, intake=(*found.findings, *outlying)), report_data)
 
 
 def _beside(request: Request) -> Answer:

@@ -82,3 +82,32 @@ class CheckedPolicy:
 
 
 CHECKED = CheckedPolicy()
+
+
+@dataclass(frozen=True)
+class OutlyingPolicy:
+    """Still readings that do not belong to the others."""
+
+    least: int = 24
+    """Poses from which one can be told from the others: three readings each, beside twelve free effects and angles.
+    Source: chosen; with half as many a pose carries a third of its own prediction."""
+    sigma: float = 8.0
+    """Deletion residual beyond which a pose is outlying, and below which all that stay are, in robust standard
+    deviations. Source:
+    tests/unit/test_diagnosis_outlying.py; the largest of 72 poses of white noise is 4.2 in the median."""
+    apart: float = 2.5
+    """Times the largest of the poses that stay. Source: tests/unit/test_diagnosis_outlying.py; of Student's noise with
+    3 degrees of freedom the two largest are so far apart in one session of sixteen (2.5^-3)."""
+    share: float = 0.05
+    """Share of the poses that may be outlying; more are no exception. Source: chosen."""
+    most: int = 20
+    """Poses that may be outlying, however many there are. Source: chosen; a person reads the list."""
+    least_g: float = 1e-9
+    """g; less noise no channel is taken to have. Source: rounding, of simulations without any noise."""
+    of_median: float = 1.4826
+    """Standard deviation of normal noise in units of the median of its size. Source: the third quartile, 0.6745."""
+    rank: float = 1e-9
+    """Share of the largest below which a column says nothing of its own. Source: rounding."""
+
+
+OUTLYING = OutlyingPolicy()

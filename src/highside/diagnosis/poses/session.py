@@ -6,7 +6,7 @@ noise. What happened on the way from pose to pose is left aside.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,11 +14,14 @@ from numpy.typing import NDArray
 
 from highside.arrays import Array
 from highside.calibration.still_intervals import find_still_intervals
+from highside.diagnosis.core.fit import Observed, base_fit
 from highside.diagnosis.core.floor import NoiseFloor, floor_of_means
+from highside.diagnosis.core.outlying import outlying_findings
 from highside.diagnosis.core.result import Finding
 from highside.diagnosis.poses.policy import POSE_SESSIONS
 from highside.diagnosis.poses.within import within_poses
 from highside.errors import InputError
+from highside.physics.forward import ForwardModel
 from highside.physics.state import KNOWN_COLUMNS, ChainState
 
 
@@ -44,6 +47,33 @@ class PoseSession:
     def n(self) -> int:
         """Number of poses."""
         return int(self.mean.shape[1])
+
+    def select(self, poses: NDArray[np.intp]) -> PoseSession:
+        """These poses alone."""
+        return replace(
+            self,
+            mean=self.mean[:, poses],
+            count=self.count[poses],
+            state=self.state.rows(poses),
+            scatter=None if self.scatter is None else self.scatter[:, poses],
+            floor=None if self.floor is None else NoiseFloor(self.floor.sigma[:, poses], self.floor.freedom),
+        )
+
+
+def without_outlying_poses(
+    session: PoseSession, model: ForwardModel, free: Sequence[str]
+) -> tuple[PoseSession, tuple[Finding, ...]]:
+    """The session without the poses that do not belong to the others, and a finding for each of them."""
+    observed = Observed(session.state, session.mean)
+    fitted, residual = base_fit(model, observed, free)
+    columns = observed.jacobian(fitted, fitted.free_names(list(free)))
+
+    def place(pose: int) -> str:
+        inc, tf = np.degrees(session.state.inc_rad[pose]), np.degrees(session.state.tf_rad[pose]) % 360.0
+        return f"pose {pose + 1} of {session.n}, at inclination {inc:.4g} and toolface {tf:.4g} deg"
+
+    out, findings = outlying_findings(residual, columns, ("ax", "ay", "az"), place)
+    return (session.select(np.setdiff1d(np.arange(session.n), out)), findings) if out else (session, ())
 
 
 def pose_session(
