@@ -143,7 +143,8 @@ def first_sentence(diagnosis: DiagnosisResult, shares: Mapping[str, float], word
     `words` where nothing is claimed."""
     if not diagnosis.claims:
         return words
-    omitted, resized = [], []
+    omitted: list[str] = []
+    resized: list[str] = []
     for claim in ordered(diagnosis.claims, shares):
         share = _share(claim, shares)
         title = law_words(claim) if is_law(claim) else claim_title(claim)
