@@ -94,7 +94,7 @@ def test_interrupted_it_ends_what_runs_and_shows_its_last_lines(tmp_path: Path, 
         said, _ = process.communicate(timeout=60.0)
     assert process.returncode == 130
     assert "== checks, interrupted\nran: all-checks\n" in said
-    assert "== guests, interrupted\nran: -m pytest tests/guest\n" in said
+    assert "== guests, interrupted\nran: -m pytest tests/guest " in said
 
 
 def test_under_ci_a_test_that_is_skipped_has_failed(tmp_path: Path, project_root: Path) -> None:
@@ -114,3 +114,65 @@ def test_under_ci_a_test_that_is_skipped_has_failed(tmp_path: Path, project_root
         )
         assert done.stdout.splitlines()[-1].startswith(outcome), done.stdout
         assert "no such part" in done.stdout
+
+
+AGAIN = """
+from pathlib import Path
+def test_of_live_parts():
+    flag = Path(__file__).with_suffix(".seen")
+    seen, _ = flag.exists(), flag.touch()
+    assert seen
+def test_that_holds():
+    assert not Path(__file__).with_suffix(".cold").exists()
+    Path(__file__).with_suffix(".cold").touch()
+"""
+"""A test that fails the first time, and one that fails the second."""
+HOLDS = "def test_holds(): pass\n"
+FAILS = "def test_fails(): assert False\n"
+
+
+@pytest.mark.parametrize(
+    ("place", "contents", "passes"),
+    [
+        ("integration", (AGAIN,), True),
+        ("integration", (AGAIN, AGAIN, AGAIN), True),
+        ("integration", (AGAIN, AGAIN, AGAIN, AGAIN), False),
+        ("integration", (FAILS,), False),
+        ("integration", ("import nothing_of_that_name",), False),
+        ("unit", (AGAIN,), False),
+    ],
+    ids=["once", "three", "four are no pause", "each time", "not collected", "what only computes"],
+)
+def test_few_tests_of_live_parts_that_failed_get_a_second_try(
+    tmp_path: Path, project_root: Path, place: str, contents: tuple[str, ...], passes: bool
+) -> None:
+    (tmp_path / ".ci").mkdir()
+    script = tmp_path / ".ci/suites"
+    script.write_bytes((project_root / ".ci/suites").read_bytes())
+    script.chmod(0o755)
+    (tmp_path / "pytest.ini").write_text("[pytest]\nmarkers = timing\n")
+    for folder, files in {
+        "guest": 1,
+        "integration": 8,
+        "unit": 4,
+        "faults": 1,
+        "session": 1,
+        "bench": 1,
+        "import": 1,
+    }.items():
+        (tmp_path / "tests" / folder).mkdir(parents=True)
+        for number in range(files):
+            (tmp_path / "tests" / folder / f"test_{folder}_{number}.py").write_text(HOLDS)
+    (tmp_path / "tests/faults/test_pace.py").write_text(f"import pytest\n@pytest.mark.timing\n{HOLDS}")
+    (tmp_path / "tests/integration/test_pace_there.py").write_text(HOLDS)
+    for number, content in enumerate(contents):
+        (tmp_path / "tests" / place / f"test_{place}_{number}.py").write_text(content)
+    done = subprocess.run(
+        [script, sys.executable, tmp_path / "logs"], capture_output=True, text=True, check=False, timeout=200
+    )
+    assert done.returncode == (0 if passes else 1), done.stdout + done.stderr
+    told = [line for line in done.stdout.splitlines() if line.startswith("== passed only when run a second time: ")]
+    assert sorted(told) == [
+        f"== passed only when run a second time: tests/integration/test_integration_{number}.py::test_of_live_parts"
+        for number in range(len(contents) if passes else 0)
+    ]
