@@ -167,6 +167,9 @@ def test_a_clock_that_is_set_while_the_broker_is_away_loses_nothing(
     assert not found[max(found)]["historical"]
     for arrived_s, message in attitudes:
         # sent before it arrived: a machine that stands still makes more of them old, none of them young
-        assert not message["historical"] or arrived_s - message["t_mono"] > HISTORICAL_AFTER_S - 0.1, (arrived_s, message)
+        assert not message["historical"] or arrived_s - message["t_mono"] > HISTORICAL_AFTER_S - 0.1, (
+            arrived_s,
+            message,
+        )
     assert abs(found[0]["t"] - (time.time() + before_s)) < 120.0
     assert abs(found[max(found)]["t"] - (time.time() + then_s)) < 120.0

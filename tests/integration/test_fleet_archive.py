@@ -84,3 +84,9 @@ def test_a_broker_that_does_not_answer_is_one_line(tmp_path: Path) -> None:
     )
     assert (done.returncode, len(done.stderr.splitlines())) == (2, 1)
     assert "127.0.0.1:1" in done.stderr
+
+
+def test_the_toolface_of_the_bend_is_kept_by_either_name() -> None:
+    for name in ("motor_toolface_deg", "toolface_deg"):
+        kept = row_of("highside/t1/attitude", json.dumps({"seq": 1, name: 120.5}).encode())
+        assert kept is not None and kept[1]["motor_toolface_deg"] == 120.5

@@ -73,7 +73,7 @@ def test_the_whole_pack_live(tmp_path: Path, broker: Mosquitto) -> None:
     try:
         with running(path) as daemon:
             first = wait_for(lambda: subscriber.latest("attitude"), 30, "an attitude", daemon)
-            assert first["toolface_deg"] == pytest.approx((first["tf_deg"] + 100.0) % 360.0, abs=1e-5)
+            assert first["motor_toolface_deg"] == pytest.approx((first["tf_deg"] + 100.0) % 360.0, abs=1e-5)
             assert first["toolface_offset_deg"] == 100.0
             assert first["tf_deg"] == pytest.approx(45.0, abs=1.0)
 

@@ -61,7 +61,7 @@ async def serve(*options: str) -> AsyncIterator[tuple[str, asyncio.subprocess.Pr
 def attitude(seq: int, **more: Any) -> bytes:
     made = {
         "seq": seq, "t": time.time(), "t_mono": 1.0, "clock_synced": True, "t_device_s": 1.0, "window_s": 0.1,
-        "inc_deg": 31.25, "inc_std_deg": 0.02, "tf_deg": 80.0, "tf_std_deg": 0.2, "toolface_deg": 92.5,
+        "inc_deg": 31.25, "inc_std_deg": 0.02, "tf_deg": 80.0, "tf_std_deg": 0.2, "motor_toolface_deg": 92.5,
         "toolface_offset_deg": 12.5, "g_total": 1.000123, "cal_id": "c" * 64, "zone": "all", "flags": [],
         "historical": False,
     }  # fmt: skip
@@ -265,7 +265,7 @@ async def test_a_real_service_is_seen(tmp_path: Path, mosquitto: Mosquitto) -> N
                 while (found := (await listed(address, 1))[0])["condition"] != "live":
                     await asyncio.sleep(0.2)
             assert found["inc_deg"] == pytest.approx(30.0, abs=0.1)
-            assert found["toolface_deg"] == pytest.approx(45.0, abs=0.3)
+            assert found["motor_toolface_deg"] == pytest.approx(45.0, abs=0.3)
     finally:
         service.terminate()
         await service.wait()

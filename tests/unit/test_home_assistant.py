@@ -15,10 +15,10 @@ from highside.service.messages import LatestMessage, latest_payload
 from highside.service.rig.home_assistant import discovery
 
 VALUES = {
-    "inc_deg": 12.3456, "inc_std_deg": 0.01, "tf_deg": 3.0, "tf_std_deg": 0.2, "toolface_deg": 103.0, "azi_deg": None,
-    "azi_std_deg": None, "g_total": float("nan"), "temp_c": 80.0,
+    "inc_deg": 12.3456, "inc_std_deg": 0.01, "tf_deg": 3.0, "tf_std_deg": 0.2, "motor_toolface_deg": 103.0,
+    "azi_deg": None, "azi_std_deg": None, "g_total": float("nan"), "temp_c": 80.0,
 }  # fmt: skip
-SURVEY = {"inc_deg": 12.0, "toolface_deg": 101.0, "accepted": False, "reasons": ["moved"], "g_error_mg": 0.2}
+SURVEY = {"inc_deg": 12.0, "motor_toolface_deg": 101.0, "accepted": False, "reasons": ["moved"], "g_error_mg": 0.2}
 HEALTH = {"outbox": {"queued": 4}, "link": {"data_age_s": 0.25}, "alarms": ["link_stale"]}
 WATCH = {"verdict": "departs", "advice": ["pull the tool"], "claims": [{"equivalence_class": ["b_x", "S_xz"]}]}
 

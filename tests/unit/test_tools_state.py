@@ -17,7 +17,7 @@ from highside.web.tools.views import Broker, list_page, tool_page
 
 HERE = Broker("broker:1883", True, "", 0.0)
 ATTITUDE = {
-    "t": 1.7e9, "inc_deg": 12.5, "inc_std_deg": 0.01, "tf_deg": 100.0, "tf_std_deg": 0.1, "toolface_deg": 110.0,
+    "t": 1.7e9, "inc_deg": 12.5, "inc_std_deg": 0.01, "tf_deg": 100.0, "tf_std_deg": 0.1, "motor_toolface_deg": 110.0,
     "g_total": 1.0001, "cal_id": "a" * 64, "zone": "all", "flags": [], "historical": False,
 }  # fmt: skip
 
@@ -202,9 +202,16 @@ def test_the_dial_has_zero_at_the_top_and_turns_clockwise() -> None:
 
 def test_a_toolface_that_passes_the_high_side_is_no_line_across_the_panel(tools: Tools) -> None:
     for k, tf in enumerate((350.0, 355.0, 2.0, 8.0)):
-        said(tools, "attitude", ATTITUDE | {"toolface_deg": tf}, mono=float(k))
+        said(tools, "attitude", ATTITUDE | {"motor_toolface_deg": tf}, mono=float(k))
     line = next(row for row in trend(list(tools.tools["a"].trend), 3.0)["series"] if row["name"] == "toolface, deg")
     assert [pair[1] for pair in line["data"]] == [350.0, 355.0, None, 2.0, 8.0]
+
+
+def test_a_tool_that_names_the_toolface_of_the_bend_as_before_is_understood(tools: Tools) -> None:
+    before = {"toolface_deg" if name == "motor_toolface_deg" else name: value for name, value in ATTITUDE.items()}
+    said(tools, "attitude", before, mono=0.0)
+    reading = tools.tools["a"].reading
+    assert reading is not None and reading.motor_toolface_deg == 110.0
 
 
 def test_an_empty_tool_has_a_page() -> None:

@@ -62,7 +62,7 @@ def test_what_would_break_a_record_is_refused(item: tuple[str, str]) -> None:
 
 def test_the_bytes_of_a_record() -> None:
     latest = Latest(
-        {"inc_deg": 34.2649, "toolface_deg": 359.97, "azi_deg": None}, 100.0, 1_700_000_000.0, depth="2841.5",
+        {"inc_deg": 34.2649, "motor_toolface_deg": 359.97, "azi_deg": None}, 100.0, 1_700_000_000.0, depth="2841.5",
         depth_s=90.0,
     )  # fmt: skip
     data = encode(record(DEFAULT_ITEMS, latest, 101.0, 30.0))
@@ -79,3 +79,7 @@ def test_stale_readings_and_unknown_ones_are_not_sent() -> None:
     assert record(survey, latest, 101.0, 30.0) == ()
     latest.survey = {"inc_deg": 2.0}
     assert record(survey, latest, 101.0, 30.0)[0] == ("0713", "2.00")
+
+
+def test_an_item_that_names_the_toolface_of_the_bend_as_before_means_it() -> None:
+    assert WitsItem.model_validate({"code": "0717", "value": "toolface_deg"}).value == "motor_toolface_deg"

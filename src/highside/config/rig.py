@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from highside.physics.gravity import (
     GRAVITATION,
@@ -117,7 +117,7 @@ class VibrationSettings(ConfigTable):
 WitsValue = Literal[
     "inc_deg",
     "azi_deg",
-    "toolface_deg",
+    "motor_toolface_deg",
     "tf_deg",
     "g_total",
     "temp_c",
@@ -133,11 +133,16 @@ WitsValue = Literal[
 ]
 
 
+def _present_name(value: object) -> object:
+    """Of a value that was named otherwise before."""
+    return "motor_toolface_deg" if value == "toolface_deg" else value
+
+
 class WitsItem(ConfigTable):
     """One item of a record."""
 
     code: str = Field(pattern=r"^[0-9]{4}$", description="Record type and item, four digits.")
-    value: WitsValue = Field(
+    value: Annotated[WitsValue, BeforeValidator(_present_name)] = Field(
         description="`watch_verdict`: 0 learning, 1 holds, 2 departs; `watch_..._error_deg`: what departs does to"
         " inclination, and to toolface times sin I, now."
     )
@@ -153,7 +158,7 @@ DEFAULT_ITEMS = (
     WitsItem(code="0708", value="depth"),
     WitsItem(code="0713", value="inc_deg"),
     WitsItem(code="0715", value="azi_deg"),
-    WitsItem(code="0717", value="toolface_deg", digits=1),
+    WitsItem(code="0717", value="motor_toolface_deg", digits=1),
 )
 
 

@@ -29,9 +29,11 @@ __all__ = ["KINDS", "Archive", "Broker", "follow", "row_of"]
 
 KINDS = ("attitude", "survey")
 NUMBERS = (
-    "t", "t_mono", "t_device_s", "inc_deg", "inc_std_deg", "tf_deg", "tf_std_deg", "toolface_deg", "azi_deg",
+    "t", "t_mono", "t_device_s", "inc_deg", "inc_std_deg", "tf_deg", "tf_std_deg", "motor_toolface_deg", "azi_deg",
     "azi_std_deg", "g_total", "g_std", "temp_c", "duration_s",
 )  # fmt: skip
+FORMERLY = {"motor_toolface_deg": "toolface_deg"}
+"""What a member was named before: a fleet may have tools of both."""
 TEXTS = ("cal_id", "comp_id", "zone")
 MOST_ROWS = 50_000
 """Rows of a part: at 100,000 messages a second half a second of them, 5 MB."""
@@ -60,7 +62,7 @@ def row_of(topic: str, payload: bytes) -> tuple[str, dict[str, Any]] | None:
         raise InputError("has no sequence number", where=topic)
     row: dict[str, Any] = {"tool": tool.rpartition("/")[2], "seq": said["seq"]}
     for name in NUMBERS:
-        value = said.get(name)
+        value = said.get(name, said.get(FORMERLY.get(name, "")))
         row[name] = float(value) if isinstance(value, int | float) else None
     row |= {name: None if said.get(name) is None else str(said[name]) for name in TEXTS}
     flags = said.get("flags")

@@ -57,7 +57,7 @@ class _Reading(Payload):
         ge=0, le=360, description="Gravity toolface; null where it is not defined."
     )
     tf_std_deg: float | None = Field(ge=0, description="Standard deviation of `tf_deg`; null: unknown.")
-    toolface_deg: Annotated[float | None, ANGLE] = Field(
+    motor_toolface_deg: Annotated[float | None, ANGLE] = Field(
         ge=0, le=360, description="Toolface of the motor's bend: `tf_deg` plus the offset."
     )
     toolface_offset_deg: Annotated[float, ANGLE] = Field(
@@ -135,7 +135,7 @@ class LatestMessage(Payload):
     inc_std_deg: float | None
     tf_deg: float | None
     tf_std_deg: float | None
-    toolface_deg: float | None
+    motor_toolface_deg: float | None
     azi_deg: float | None
     azi_std_deg: float | None
     g_total: float | None

@@ -33,7 +33,7 @@ class AttitudeOutput:
     inc_std_deg: float
     tf_deg: float
     tf_std_deg: float
-    toolface_deg: float
+    motor_toolface_deg: float
     """of the motor's bend: that of the sensor and the offset, in [0, 360)"""
     toolface_offset_deg: float
     g_total: float

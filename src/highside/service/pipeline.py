@@ -425,7 +425,7 @@ class Pipeline:
             inc_std_deg=math.degrees(inc_std),
             tf_deg=math.degrees(tf),
             tf_std_deg=math.degrees(tf_std),
-            toolface_deg=(math.degrees(tf) + self.toolface_offset_deg) % 360.0,
+            motor_toolface_deg=(math.degrees(tf) + self.toolface_offset_deg) % 360.0,
             toolface_offset_deg=self.toolface_offset_deg,
             g_total=g_total,
             g_total_std=g_total_std,

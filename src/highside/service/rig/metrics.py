@@ -147,7 +147,7 @@ ATTITUDE = (
     ("inc_std_deg", "Standard deviation of the inclination, degrees."),
     ("tf_deg", "Gravity toolface of the sensor, degrees."),
     ("tf_std_deg", "Standard deviation of the toolface, degrees."),
-    ("toolface_deg", "Toolface with the offset to the motor's bend, degrees."),
+    ("motor_toolface_deg", "Toolface with the offset to the motor's bend, degrees."),
     ("azi_deg", "Azimuth of the hole, degrees."),
     ("azi_std_deg", "Standard deviation of the azimuth, degrees."),
     ("g_total", "Magnitude of the corrected acceleration in local g."),

@@ -229,7 +229,7 @@ def _values(attitude: AttitudeOutput) -> dict[str, float | None]:
         "inc_std_deg": attitude.inc_std_deg,
         "tf_deg": attitude.tf_deg,
         "tf_std_deg": attitude.tf_std_deg,
-        "toolface_deg": attitude.toolface_deg,
+        "motor_toolface_deg": attitude.motor_toolface_deg,
         "azi_deg": None if attitude.azimuth is None else attitude.azimuth.azi_deg,
         "azi_std_deg": None if attitude.azimuth is None else attitude.azimuth.azi_std_deg,
         "g_total": attitude.g_total,

@@ -86,7 +86,7 @@ def _clock_codes(items: tuple[WitsItem, ...]) -> set[str]:
 
 def _angle_text(name: str, value: float, digits: int) -> str:
     text = f"{value:.{digits}f}"
-    if name in ("azi_deg", "toolface_deg", "tf_deg") and float(text) >= 360.0:
+    if name in ("azi_deg", "motor_toolface_deg", "tf_deg") and float(text) >= 360.0:
         return f"{0.0:.{digits}f}"
     return text
 

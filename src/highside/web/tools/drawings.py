@@ -84,13 +84,13 @@ def _sector(centre_deg: float, half_deg: float) -> str:
 
 ROWS: tuple[tuple[str, str, str | None, str], ...] = (
     ("inc_deg", "inclination, deg", "inc_std_deg", "#0b57a4"),
-    ("toolface_deg", "toolface, deg", "tf_std_deg", "#b35c00"),
+    ("motor_toolface_deg", "toolface, deg", "tf_std_deg", "#b35c00"),
     ("g_total", "|g|, local g", None, "#0b6e31"),
 )
 """Panels of the trend: member of the reading, its name, its standard deviation, its colour"""
 
 
-TURNING = frozenset({"toolface_deg"})
+TURNING = frozenset({"motor_toolface_deg"})
 """Angles that go round"""
 
 

@@ -103,6 +103,6 @@ def _summary(tool: ToolState, now: float) -> dict[str, Any]:
         "condition": tool.condition(now),
         "age_s": tool.age_s(now),
         "inc_deg": None if reading is None else reading.inc_deg,
-        "toolface_deg": None if reading is None else reading.toolface_deg,
+        "motor_toolface_deg": None if reading is None else reading.motor_toolface_deg,
         "alarms": list(tool.alarms),
     }

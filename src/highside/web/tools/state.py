@@ -53,7 +53,7 @@ class Reading:
     inc_std_deg: float | None
     tf_deg: float | None
     tf_std_deg: float | None
-    toolface_deg: float | None
+    motor_toolface_deg: float | None
     azi_deg: float | None
     azi_std_deg: float | None
     g_total: float | None
@@ -301,7 +301,8 @@ def reading_of(said: dict[str, Any]) -> Reading:
         inc_std_deg=number(said.get("inc_std_deg")),
         tf_deg=number(said.get("tf_deg")),
         tf_std_deg=number(said.get("tf_std_deg")),
-        toolface_deg=number(said.get("toolface_deg")),
+        # formerly `toolface_deg`: a fleet may have tools of both
+        motor_toolface_deg=number(said.get("motor_toolface_deg", said.get("toolface_deg"))),
         azi_deg=number(said.get("azi_deg")),
         azi_std_deg=number(said.get("azi_std_deg")),
         g_total=number(said.get("g_total")),

@@ -109,8 +109,8 @@ def tool_page(tool: ToolState, broker: Broker, now: float) -> ToolPage:
     condition = tool.condition(now)
     fresh = condition == "live" and broker.connected
     reading = tool.reading
-    toolface, std = (None, None) if reading is None else (reading.toolface_deg, reading.tf_std_deg)
-    past = [p.reading.toolface_deg for p in tool.trend if p.reading.toolface_deg is not None]
+    toolface, std = (None, None) if reading is None else (reading.motor_toolface_deg, reading.tf_std_deg)
+    past = [p.reading.motor_toolface_deg for p in tool.trend if p.reading.motor_toolface_deg is not None]
     return ToolPage(
         head=_render(
             "head.html",
@@ -188,7 +188,7 @@ def _figures(reading: Reading | None) -> list[Figure]:
         return [Figure("I", "–", ""), Figure("T", "–", "")]
     return [
         Figure("I", _degrees(reading.inc_deg, reading.inc_std_deg), _band(reading.inc_std_deg)),
-        Figure("T", _degrees(reading.toolface_deg, reading.tf_std_deg), _band(reading.tf_std_deg)),
+        Figure("T", _degrees(reading.motor_toolface_deg, reading.tf_std_deg), _band(reading.tf_std_deg)),
     ]
 
 
@@ -213,7 +213,7 @@ def _state_rows(tool: ToolState) -> list[Row]:
     rows: list[Row] = []
     if reading is not None:
         offset = "" if reading.tf_deg is None else f"of the sensor: {reading.tf_deg:.2f}°"
-        rows.append(Row("toolface", _degrees(reading.toolface_deg, reading.tf_std_deg), offset))
+        rows.append(Row("toolface", _degrees(reading.motor_toolface_deg, reading.tf_std_deg), offset))
         if reading.azi_deg is not None:
             rows.append(Row("azimuth", _degrees(reading.azi_deg, reading.azi_std_deg), _band(reading.azi_std_deg)))
         rows.append(Row("|g|", "–" if reading.g_total is None else f"{reading.g_total:.6f} g", "1 at rest"))
@@ -320,7 +320,7 @@ def _survey(row: Any) -> dict[str, Any]:
     return {
         "at": _utc(reading.t),
         "inc": _degrees(reading.inc_deg, reading.inc_std_deg),
-        "tf": _degrees(reading.toolface_deg, reading.tf_std_deg),
+        "tf": _degrees(reading.motor_toolface_deg, reading.tf_std_deg),
         "azi": _degrees(reading.azi_deg, reading.azi_std_deg),
         "g": "–" if row.g_error_mg is None else f"{row.g_error_mg:+.2f}",
         "accepted": row.accepted,
