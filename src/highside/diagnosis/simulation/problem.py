@@ -14,7 +14,7 @@ from highside.arrays import Array
 from highside.diagnosis.core.candidate_set import Term
 from highside.diagnosis.core.fit import JointFit
 from highside.diagnosis.core.held_out import gain_interval
-from highside.diagnosis.core.memory import Channel, SlowEffect
+from highside.diagnosis.core.memory import SlowEffect
 from highside.diagnosis.core.policy import INTERVALS
 from highside.diagnosis.core.probability import student_quantile
 from highside.diagnosis.core.problem import ReportData, SelectionState
@@ -23,7 +23,7 @@ from highside.diagnosis.core.regression import outside, solved
 from highside.diagnosis.core.result import DiagnosisResult, Fit, FittedParameter, Location
 from highside.diagnosis.core.rivals import Rivalry
 from highside.diagnosis.core.stability import Stability
-from highside.diagnosis.rows.gram import HeldOutRows, Key, RandomWalkChannel
+from highside.diagnosis.rows.gram import HeldOutRows, Key
 from highside.diagnosis.rows.inner_products import InnerProducts
 from highside.diagnosis.rows.jitter import with_jitter
 from highside.diagnosis.rows.noise import RotationNoise, estimate
@@ -201,14 +201,6 @@ class SimulationProblem(RowsProblem):
             if abs(mean) > SIMULATION_CHOICE.far * np.sqrt(self.random_walks[c].mean_variance(noise.memories[c])):
                 return False
         return True
-
-    def likelihoods(self, terms: Sequence[Term]) -> list[Channel]:
-        block = self.block(terms)
-        found: list[Channel] = []
-        for c in range(len(self.channels)):
-            where = np.concatenate([self.design.where[self.design.base, c], block[:, c]])
-            found.append(RandomWalkChannel(self.random_walks[c], np.unique(where[where >= 0])))
-        return found
 
     def slow(self) -> list[SlowEffect]:
         found = []
