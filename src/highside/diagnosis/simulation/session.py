@@ -42,6 +42,7 @@ UNITS = {
 }
 NO_CHANNELS = frozenset({"t_s", "seq", "pose", "direction", "temp_c", "noise_g", "vibration_rms_g"})
 RATES = ("gx_dps", "gy_dps", "gz_dps")
+SENSORS = frozenset({"ax_g", "ay_g", "az_g", *RATES})
 SPEED = "speed_mps"
 
 OFFSET, SKEW = TIME_OFFSET.id, CLOCK_SKEW.id
@@ -254,11 +255,18 @@ def _require_rising(t_s: Array, what: str) -> None:
 
 
 def _common_channels(columns: Mapping[str, Array], predicted: Mapping[str, Array]) -> tuple[str, ...]:
-    """The channels that both have. Raises InputError where there is none."""
+    """The channels that both have. What the prediction repeats to the bit is what it was made from and handed on, as by
+    `highside predict`: no channel, unless sensors read it. Raises InputError where there is none."""
+
+    def repeated(n: str) -> bool:
+        return n not in SENSORS and np.array_equal(columns[n], predicted[n], equal_nan=True)
+
     names = tuple(
         n
         for n in columns
-        if n in predicted and n not in NO_CHANNELS and not (np.isnan(columns[n]).all() or np.isnan(predicted[n]).all())
+        if n in predicted
+        and n not in NO_CHANNELS
+        and not (np.isnan(columns[n]).all() or np.isnan(predicted[n]).all() or repeated(n))
     )
     if not names:
         has = ", ".join(n for n in predicted if n not in NO_CHANNELS) or "none"
