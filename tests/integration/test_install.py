@@ -16,6 +16,7 @@ import sys
 import time
 import tomllib
 import urllib.error
+import urllib.parse
 import urllib.request
 import zipfile
 from collections.abc import Callable
@@ -104,6 +105,9 @@ def wheel(project_root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     for name in USED:
         (copy / name).parent.mkdir(parents=True, exist_ok=True)
         (copy / name).write_text("of a user")
+    # the site as `make docs` leaves it there for a wheel
+    site = [sys.executable, project_root / "docs" / "site" / "build.py", "--to", copy / "src" / "highside" / "site"]
+    subprocess.run(site, check=True, capture_output=True, timeout=200)
     out = copy.parent / "dist"
     # with the hatchling of this environment: nothing is fetched to build
     uv("build", "--wheel", "--sdist", "--no-build-isolation", "--python", sys.executable, "--out-dir", out, copy)
@@ -207,6 +211,39 @@ def test_the_core_starts(core: Installed) -> None:
         "walk(typer.main.get_command(app), [])\n"
     )
     assert "a [codec] table" in " ".join(core.highside("decode", "--help").stdout.split())
+
+
+def test_the_core_shows_the_documentation_that_the_wheel_carries(core: Installed) -> None:
+    """The pages of the navigation, what they load, and the index of the search, from the installed package alone."""
+    process = subprocess.Popen(
+        [core.folder / "bin" / "highside", "docs", "errors", "--no-browser"],
+        stdout=subprocess.PIPE, text=True, env={**os.environ, "PYTHONUNBUFFERED": "1"},
+    )  # fmt: skip
+    assert process.stdout is not None
+    try:
+        first = process.stdout.readline().split()[0]
+        own = first.removesuffix("reference/errors.html")
+        waiting, found, words = {first, own + "search.json"}, set(), ""
+        while waiting and len(found) < 400:
+            address = waiting.pop()
+            with urllib.request.urlopen(address, timeout=30) as response:
+                assert response.status == 200
+                body = response.read()
+            found.add(address)
+            if not address.endswith(".html"):
+                words = body.decode() if address.endswith("search.json") else words
+                continue
+            for name in re.findall(rb'(?:src|href)="?([^" >#?]+)', body):
+                linked = urllib.parse.urljoin(address, name.decode())
+                if linked.startswith(own) and linked not in found and not linked.endswith("/"):
+                    waiting.add(linked)
+    finally:
+        process.terminate()
+        process.wait(20)
+        process.stdout.close()
+    assert len([address for address in found if address.endswith(".html")]) > 50
+    assert any(address.endswith(".css") for address in found) and any(address.endswith(".js") for address in found)
+    assert "rotor" in words and "toolface" in words
 
 
 def test_wrong_use_of_the_core_is_one_line(core: Installed, tmp_path: Path) -> None:
