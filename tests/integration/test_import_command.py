@@ -106,6 +106,16 @@ def test_what_is_uncertain_is_refused_without_a_terminal(bench: Path) -> None:
     assert "named g, but then |a| is 9.84 g; --units m/s2" in done.stderr
 
 
+def test_that_the_sign_of_gravity_is_assumed_is_said_where_nothing_shows_it(bench: Path) -> None:
+    own = pd.read_csv(bench / "s.csv")
+    own.drop(columns=["inc_ref_deg", "tf_ref_deg"]).to_csv(bench / "bare.csv", index=False)
+    (bench / "shown.csv").write_bytes((bench / "s.csv").read_bytes())
+    assumed = "up reads +1 g or -1 g; +1 g is assumed"
+    for file, says in (("bare.csv", True), ("shown.csv", False)):
+        done = highside(bench, "import", file, "-o", f"{file}.out.csv.gz")
+        assert done.returncode == 0 and (assumed in done.stderr) == says, done.stderr
+
+
 def test_a_profile_is_kept_and_used(bench: Path) -> None:
     done = highside(bench, "import", "pandas.csv", "-o", "one.csv", "--yes", "--profile", "dump")
     assert "kept as profile dump" in done.stderr

@@ -30,6 +30,10 @@ _RAW = ("uncal", "raw")
 _TRIADS = ((Quantity.ACCELERATION, ACCELERATIONS), (Quantity.RATE, RATES))
 
 
+UNSEEN_SIGN = "nor whether an axis that points up reads +1 g or -1 g; +1 g is assumed"
+"""Gravity and the reaction to it turn alike: readings and rates agree with either."""
+
+
 class Sure(StrEnum):
     """How certain a guess is. `open` cannot be used before the user decides; `likely` rests on values alone."""
 
@@ -425,7 +429,7 @@ class _Proposing:
         gravity = self._vector(ACCELERATIONS)
         references = [self.guesses.get(name) for name in ("inc_ref_deg", "tf_ref_deg")]
         if gravity is None or any(guess is None or guess.unit is None for guess in references):
-            return AxesGuess("xyz", ("as in the file: no reference says how they lie in the tool",))
+            return AxesGuess("xyz", ("as in the file: no reference shows how they lie in the tool", UNSEEN_SIGN))
         inc, tf = (self._converted(guess) for guess in references if guess is not None)
         guess = axes_by_reference(gravity, inc, tf, self.policy)
         if guess.open or guess.likely:
