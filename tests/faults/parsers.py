@@ -62,7 +62,7 @@ from highside.service.rig.toolface import ToolfaceLog
 from highside.service.starts import StartLog
 from highside.service.watch_keeper import WatchKeeper, WatchParts
 from highside.service.watch_keeper import message as watch_message
-from highside.watch.proposal import propose, read_said
+from highside.watch.proposal import propose, read_outcome
 
 Make = Callable[[random.Random], bytes]
 
@@ -232,7 +232,7 @@ class Bench:
 
     def watch_said(self, data: bytes) -> bool:
         """What a watch said, to the record that it proposes."""
-        made = propose(seeds.record(), read_said(data, "watch.json"), now_s=1.79e9)
+        made = propose(seeds.record(), read_outcome(data, "watch.json"), now_s=1.79e9)
         return parse_record(made.to_json()).id == made.id
 
     def survey_join(self, data: bytes) -> bool:

@@ -195,7 +195,7 @@ def watch_stage(saved: SavedWatch | None = None) -> WatchStage:
                 stage.close(1800.0 * k + at + float(t), 1000.0 + t, f, 25.0)
     stage.finish()
     while stage.waiting:
-        stage.take_said(stage.core.take(stage.waiting.popleft()))
+        stage.take_result(stage.core.take(stage.waiting.popleft()))
     return stage
 
 

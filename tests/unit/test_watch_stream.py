@@ -21,7 +21,7 @@ from highside.service.watch_keeper import message
 from highside.service.watch_stage import Watched, WatchStage
 from highside.watch import POLICY, Still, Watch, WatchResult, prior_of_record
 from highside.watch.live import LiveRows, LiveWatch, Stretch
-from highside.watch.proposal import propose, read_said
+from highside.watch.proposal import propose, read_outcome
 from highside.watch.turning import TurningRows, fit_turning, mean_span
 
 AXES, RATES = ("ax_g", "ay_g", "az_g"), ("gx_dps", "gy_dps", "gz_dps")
@@ -195,7 +195,7 @@ def test_an_attitude_is_flagged_where_its_error_exceeds_two_of_its_sigmas(calibr
     assert not stage.exceeds(g, 1e-9, 1e-9)
     departure = np.zeros(12)
     departure[0] = 1e-3  # b_x at toolface 0, 30 deg: cos 30 deg of it moves the inclination
-    stage.take_said(replace(stage.said, departure=departure))
+    stage.take_result(replace(stage.said, departure=departure))
     moved = 1e-3 * np.cos(np.radians(30.0))
     assert stage.exceeds(g, 0.49 * moved, 1.0)
     assert not stage.exceeds(g, 0.51 * moved, 1.0)
@@ -216,7 +216,7 @@ def test_a_state_of_another_kind_is_refused_and_what_is_said_is_a_message(
         stage.close(t, 1000.0 + t, corrected[:3], 25.0)
     stage.finish()
     while stage.waiting:
-        stage.take_said(stage.core.take(stage.waiting.popleft()))
+        stage.take_result(stage.core.take(stage.waiting.popleft()))
     told = message(stage, 1.79e9)
     assert told.verdict == "departs"
     assert told.claims[0].since_low_t <= told.claims[0].since_t <= told.claims[0].alarm_t <= told.t
@@ -279,7 +279,7 @@ def test_nothing_is_proposed_of_what_the_attitudes_do_not_name(
     for member, value in (("covariance", [[0.0] * 12] * 12), ("parameters", {}), ("schema", "x"), ("claims", [{}])):
         with pytest.raises(InputError, match=r"^w: "):
             propose(
-                calibration.record, read_said(json.dumps(said | {member: value}).encode(), "w"), now_s=1e9, where="w"
+                calibration.record, read_outcome(json.dumps(said | {member: value}).encode(), "w"), now_s=1e9, where="w"
             )
 
 

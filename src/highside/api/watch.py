@@ -24,7 +24,7 @@ from highside.shown.panel import PlotLine, PlotPanel
 from highside.shown.plot import Plot
 from highside.version import __version__
 from highside.watch import Watch, WatchResult, prior_of_record
-from highside.watch.proposal import propose, read_said
+from highside.watch.proposal import propose, read_outcome
 from highside.watch.rows import Rows, feed
 
 __all__ = ["WatchedRecording", "proposal_of", "watch_recording"]
@@ -137,4 +137,4 @@ def proposal_of(said: bytes, calibration: Calibration | File, *, where: str) -> 
     """The record that what a watch `said` (the bytes of its `watch.json`, or of the service's state) would have put in
     force. Raises InputError where nothing is to be proposed."""
     record = calibration.record if isinstance(calibration, Calibration) else read_record(Path(calibration))
-    return Calibration(propose(record, read_said(said, where), now_s=time.time(), where=where))
+    return Calibration(propose(record, read_outcome(said, where), now_s=time.time(), where=where))

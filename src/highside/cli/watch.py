@@ -103,7 +103,7 @@ def propose(
     from highside.api.watch import proposal_of
     from highside.reading import read_bytes
     from highside.recording.calibration_store import CalibrationStore
-    from highside.watch.proposal import read_said
+    from highside.watch.proposal import read_outcome
 
     data = read_bytes(said)
     if (calibration is None) == (store is None):
@@ -111,7 +111,7 @@ def propose(
     kept = None if store is None else CalibrationStore(store)
     parent: Path | Calibration
     if kept is not None:
-        parent = Calibration(kept.get(read_said(data, str(said)).cal_id))
+        parent = Calibration(kept.get(read_outcome(data, str(said)).cal_id))
     else:
         assert calibration is not None
         parent = calibration

@@ -50,9 +50,22 @@ class SurveyList(Table):
 
     mandatory: ClassVar[tuple[str, ...]] = ("md_m", "inc_deg")
     known: ClassVar[tuple[str, ...]] = (
-        "md_m", "inc_deg", "azi_deg", "tf_deg", "tvd_m", "north_m", "east_m", "dls_deg_30m", "inc_std_deg",
-        "azi_std_deg", "tf_std_deg", "g_total", "temp_c", "t", "seq",
-    )  # fmt: skip
+        "md_m",
+        "inc_deg",
+        "azi_deg",
+        "tf_deg",
+        "tvd_m",
+        "north_m",
+        "east_m",
+        "dls_deg_30m",
+        "inc_std_deg",
+        "azi_std_deg",
+        "tf_std_deg",
+        "g_total",
+        "temp_c",
+        "t",
+        "seq",
+    )
     rows_are: ClassVar[str] = "stations"
 
 

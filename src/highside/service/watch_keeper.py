@@ -223,7 +223,7 @@ class WatchKeeper:
                 continue
             if stage.core is not core:  # it was told to begin again meanwhile
                 continue
-            stage.take_said(said)
+            stage.take_result(said)
             self._dirty = self._news = True
             if said.verdict != self._verdict:
                 self._verdict = said.verdict

@@ -104,7 +104,7 @@ class WatchStage:
         self._t_mono = 0.0
         self._departure: tuple[float, ...] | None = None
         self._unusable = False
-        self.take_said(self.core.result())
+        self.take_result(self.core.result())
 
     def _new_watch(self) -> Watch:
         of, policy = self.of, self._settings.policy()
@@ -116,7 +116,7 @@ class WatchStage:
         self.core = LiveWatch(self._new_watch(), *self.core.calmest)
         self.waiting.clear()
         self.acknowledged, self.began = set(), "began anew, as was asked for"
-        self.take_said(self.core.result())
+        self.take_result(self.core.result())
 
     # --- readings ----------------------------------------------------------------------------------------------
 
@@ -178,7 +178,7 @@ class WatchStage:
         """The watch's time at the last reading."""
         return self._rows.t_s
 
-    def take_said(self, said: WatchResult) -> None:
+    def take_result(self, said: WatchResult) -> None:
         """What the sums have come to."""
         self.said = said
         self._unusable = any(claim.error is None for claim in said.claims)

@@ -72,12 +72,18 @@ TOOLFACES = 24
 
 
 def in_use(
-    calibration: Array, repeat_g: float, repeat: float, walk_g: float, walk: float, hours: float, drift_g: float
+    calibration: Array,
+    repeat_g: float,
+    repeat: float,
+    random_walk_g: float,
+    random_walk: float,
+    hours: float,
+    drift_g: float,
 ) -> Array:
     """(12, 12) of b and S in the hole: the record's, the repeatability of the tool, its random walk over `hours`, and
     `drift_g`, what temperature leaves on each offset. In the order of `watch.parameters.NAMES`."""
-    offset = repeat_g**2 + walk_g**2 * hours + drift_g**2
-    ratio = repeat**2 + walk**2 * hours
+    offset = repeat_g**2 + random_walk_g**2 * hours + drift_g**2
+    ratio = repeat**2 + random_walk**2 * hours
     return np.asarray(calibration + np.diag([offset] * 3 + [ratio] * (CALIBRATION - 3)))
 
 

@@ -20,7 +20,7 @@ from highside.reading import parse_json
 from highside.version import __version__
 from highside.watch.parameters import CALIBRATION, MATRIX, NAMES, OFFSETS, global_zone
 
-__all__ = ["Said", "propose", "read_said"]
+__all__ = ["WatchOutcome", "propose", "read_outcome"]
 
 LARGEST = 0.05
 """g or ratio: a deviation beyond it is no small error, and no number of a record"""
@@ -49,7 +49,7 @@ class SaidClaim(_Part):
     evidence: float | None
 
 
-class Said(_Part):
+class WatchOutcome(_Part):
     """What a watch says, as `watch.json` or the service's state has it."""
 
     form: Literal["highside.watch/1"] = Field(alias="schema")
@@ -62,7 +62,7 @@ class Said(_Part):
     duration_s: float = Field(ge=0)
 
 
-def read_said(data: bytes, where: str) -> Said:
+def read_outcome(data: bytes, where: str) -> WatchOutcome:
     """From the bytes of `watch.json`, or of the state that the service keeps. Raises InputError."""
     value = parse_json(data, where=where)
     if isinstance(value, dict) and isinstance(value.get("said"), dict):
@@ -71,7 +71,7 @@ def read_said(data: bytes, where: str) -> Said:
         remedy = "give DIR/watch.json of `highside watch`, or watch.json of the service's state directory"
         raise InputError("is nothing that a watch said", where=where, remedy=remedy)
     try:
-        return Said.model_validate(value)
+        return WatchOutcome.model_validate(value)
     except ValueError as error:
         raise InputError(_first(error), where=where, remedy="watch again") from None
 
@@ -84,7 +84,7 @@ def _first(error: ValueError) -> str:
     return f"{'.'.join(map(str, first['loc']))}: {first['msg']}"
 
 
-def propose(parent: CalibrationRecord, said: Said, *, now_s: float, where: str = "watch") -> CalibrationRecord:
+def propose(parent: CalibrationRecord, said: WatchOutcome, *, now_s: float, where: str = "watch") -> CalibrationRecord:
     """The record that corrects what departs. `now_s`: UTC epoch seconds.
 
     Raises InputError in one line where nothing is to be proposed: nothing departs, the hole has not named what does,
@@ -119,7 +119,7 @@ def propose(parent: CalibrationRecord, said: Said, *, now_s: float, where: str =
     return _record(parent, said, np.array([values[name] for name in NAMES[:CALIBRATION]]), now_s, where)
 
 
-def _record(parent: CalibrationRecord, said: Said, state: Array, now_s: float, where: str) -> CalibrationRecord:
+def _record(parent: CalibrationRecord, said: WatchOutcome, state: Array, now_s: float, where: str) -> CalibrationRecord:
     offset, matrix = state[: len(OFFSETS)], state[len(OFFSETS) :].reshape(3, 3)
     result = moved(parent.result, offset, matrix, _covariance(said, where))
     claim = said.claims[0]
@@ -147,7 +147,7 @@ def _record(parent: CalibrationRecord, said: Said, state: Array, now_s: float, w
     return parse_record(canonical({"id": content_id(content), **content}), where=where)
 
 
-def _covariance(said: Said, where: str) -> Array:
+def _covariance(said: WatchOutcome, where: str) -> Array:
     try:
         P = np.array(said.covariance, dtype=float)
     except ValueError:

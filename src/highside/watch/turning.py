@@ -36,7 +36,7 @@ class TurningPolicy:
     """over whole turns of at least so long the phase is compared with the accelerometers"""
     largest_phase_rad: float = 0.3
     """rms by which gyro and accelerometers may disagree after the line"""
-    seen_g: float = 5e-3
+    least_across_g: float = 5e-3
     """amplitude of gravity across the axis below which the phase cannot be compared, and hardly matters"""
     arm_m: float = 0.01
     changes_g: float = 2e-6
@@ -84,10 +84,10 @@ def fit_turning(rows: TurningRows) -> Turning | Left:
         return Left("fewer than three turns")
     if t.size / turns < TURNING.rows_a_turn:
         return Left("too few rows a turn")
-    bent = _bend(t, phase, rows)
-    if bent is None:
+    correction = _phase_correction(t, phase, rows)
+    if correction is None:
         return Left("gyro and accelerometers disagree about the turn")
-    phase = phase + bent
+    phase = phase + correction
     rate2, acceleration = rows.rate_radps**2, np.gradient(rows.rate_radps, t)
     # a mean over a part of the turn is shorter than what it is of: 0.6 mg/g for 10 ms at 120 rpm
     left = 1.0 if rows.span_s is None else np.sinc(rows.rate_radps * rows.span_s / (2.0 * np.pi))
@@ -115,7 +115,7 @@ def fit_turning(rows: TurningRows) -> Turning | Left:
     )
 
 
-def _bend(t: Array, phase: Array, rows: TurningRows) -> Array | None:
+def _phase_correction(t: Array, phase: Array, rows: TurningRows) -> Array | None:
     """(K,) rad to add to the gyro's phase; None where it has nothing to do with the accelerometers'."""
     turned = np.abs(phase) / (2.0 * np.pi)
     each = max(1.0, np.ceil(TURNING.piece_s * turned[-1] / t[-1]))
@@ -130,7 +130,7 @@ def _bend(t: Array, phase: Array, rows: TurningRows) -> Array | None:
     sums = mean(across.real) + 1j * mean(across.imag)
     kept = count > 0
     sums = sums[kept]
-    if float(np.median(np.abs(sums))) < TURNING.seen_g:
+    if float(np.median(np.abs(sums))) < TURNING.least_across_g:
         return np.zeros_like(t)
     angle = np.unwrap(np.angle(sums))
     regressors = [np.ones_like(t), phase, t, rows.rate_radps]

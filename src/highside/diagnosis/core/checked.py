@@ -83,7 +83,7 @@ def _weighed(problem: Problem[N], selection: SelectionState[N], diagnosis: Diagn
     if changing:
         return _withdrawn(diagnosis, {claims[k].effect: s for k in changing if (s := stabilities[k]) is not None})
     known = [(c.effect, s) for c, s in zip(claims, stabilities, strict=True) if s is not None]
-    doubts = [steady.doubt_for(effect) for effect, steady in known if steady.beside_walk]
+    doubts = [steady.doubt_for(effect) for effect, steady in known if steady.beside_random_walk]
     if doubts:
         remainder = replace(diagnosis.remainder, hints=(*doubts, *diagnosis.remainder.hints))
         diagnosis = replace(diagnosis, remainder=remainder)

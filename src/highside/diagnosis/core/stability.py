@@ -35,7 +35,7 @@ class Stability:
     """size in each part, in units of the size in all"""
     instead: str = ""
     """id of another effect, of which these are the sizes, that explains more in the claim's place"""
-    beside_walk: bool = False
+    beside_random_walk: bool = False
     """whether the size may change, or the zero offsets follow a random walk that does the same: the name stands"""
     limit: float = STABILITY.log_p
     """-log10 p from which the sizes are different; of a change that was chosen by evidence none is needed"""

@@ -76,7 +76,7 @@ def changing_instead(problem: RowsKnown, selection: SelectionState[RotationNoise
             return another
     if own is not None and limit and own.added >= STABILITY.share * gain and own.log_p > STABILITY.change_log_p:
         # a walk that explains more than the change does may be what the change leaves: which, one session cannot tell
-        return replace(own.stability, limit=np.inf, beside_walk=True)
+        return replace(own.stability, limit=np.inf, beside_random_walk=True)
     return None
 
 

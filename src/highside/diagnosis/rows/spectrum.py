@@ -81,5 +81,5 @@ def best_frequency(tries: Array, places: Array, row: Array) -> float:
         return float(tries[at])
     # between the tries, where a parabola through the three highest has its top
     before, here, after = power[at - 1 : at + 2]
-    bend = before - 2 * here + after
-    return float(tries[at] + (0.5 * (before - after) / bend if bend < 0.0 else 0.0) * (tries[1] - tries[0]))
+    curvature = before - 2 * here + after
+    return float(tries[at] + (0.5 * (before - after) / curvature if curvature < 0.0 else 0.0) * (tries[1] - tries[0]))

@@ -108,6 +108,6 @@ def _excess(problem: Constancies, selection: SelectionState[RotationNoise], term
     if kept.sum() < SIMULATION_CHOICE.least_blocks:
         return 1.0
     size, variance = score[kept] / energy[kept], 1 / energy[kept]
-    bend = size[:-2] - 2 * size[1:-1] + size[2:]
+    curvature = size[:-2] - 2 * size[1:-1] + size[2:]
     expected = variance[:-2] + 4 * variance[1:-1] + variance[2:]
-    return max(1.0, float(np.median(bend**2 / expected)) / SIMULATION_CHOICE.median_of_squares)
+    return max(1.0, float(np.median(curvature**2 / expected)) / SIMULATION_CHOICE.median_of_squares)

@@ -26,6 +26,16 @@ class AxesGuess:
     likely: bool = False
 
 
+UNREFERENCED = AxesGuess(
+    "xyz",
+    (
+        "as in the file: no reference shows how they lie in the tool",
+        "nor whether an axis that points up reads +1 g or -1 g; +1 g is assumed",
+    ),
+)
+"""Without a reference. Gravity and the reaction to it turn alike: readings and rates agree with either sign."""
+
+
 def axes_given(axes: str, *, rates: bool) -> AxesGuess:
     """What the user says. Accelerations alone may be mirrored: a left-handed sensor, or a toolface that runs the other
     way; with `rates` a mirror is refused, for then the sense of every rotation is open. Raises InputError."""

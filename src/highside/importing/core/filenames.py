@@ -41,8 +41,8 @@ def rule_of(recording: str, second: str) -> NameRule:
     end_a, end_b = (_ENDS.search(name).start() for name in (recording, second))  # type: ignore[union-attr]
     a, b = _PIECES.findall(recording[:end_a]), _PIECES.findall(second[:end_b])
     blocks = SequenceMatcher(None, a, b, autojunk=False).get_matching_blocks()
-    told = [block for block in blocks if any(piece.isalnum() for piece in a[block[0] : block[0] + block[2]])][:_MOST]
-    for number, (begin_a, begin_b, size) in reversed(list(enumerate(told, start=1))):
+    shared = [block for block in blocks if any(piece.isalnum() for piece in a[block[0] : block[0] + block[2]])][:_MOST]
+    for number, (begin_a, begin_b, size) in reversed(list(enumerate(shared, start=1))):
         left, right = _within(a[begin_a : begin_a + size])
         a[begin_a + left : begin_a + right] = b[begin_b + left : begin_b + right] = [f"{{{number}}}"]
     made = NameRule("".join(a) + recording[end_a:], "".join(b) + second[end_b:])
@@ -73,5 +73,5 @@ def second_of(rule: NameRule, recording: str) -> str | None:
 
 def _within(pieces: list[str]) -> tuple[int, int]:
     """[begin, end) without the marks at both ends."""
-    told = [place for place, piece in enumerate(pieces) if piece.isalnum()]
-    return told[0], told[-1] + 1
+    words = [place for place, piece in enumerate(pieces) if piece.isalnum()]
+    return words[0], words[-1] + 1

@@ -79,10 +79,10 @@ def joined(
             raise InputError(f"{name}: {what}", where=a.source, remedy="--lag SECONDS says how late its times are")
         shift = lag.seconds
         if lag_s is None:
-            doubt = f"{name}: no common clock; {_said(lag)}"
+            doubt = f"{name}: no common clock; {_lag_text(lag)}"
     elif lag is not None and abs(lag.seconds) > policy.lag_steps * _step(a.t_s) and lag.agreement > lag.at_zero:
-        doubt = f"{name}: its clock says so, but {_said(lag)}; taken as its clock says"
-    findings = [f"{name}: {_said(lag)}" if lag is not None else f"{name}: the lag shows in no movement of both"]
+        doubt = f"{name}: its clock says so, but {_lag_text(lag)}; taken as its clock says"
+    findings = [f"{name}: {_lag_text(lag)}" if lag is not None else f"{name}: the lag shows in no movement of both"]
     columns = {
         column: _on(a.t_s, times - shift, values, taken, column in _ANGLES, policy)
         for column, values in b.columns.items()
@@ -239,7 +239,7 @@ def _step(t: Block) -> float:
     return float(np.median(steps)) if steps.size else float("inf")
 
 
-def _said(lag: Lag) -> str:
+def _lag_text(lag: Lag) -> str:
     late = "late" if lag.seconds >= 0 else "early"
     return f"{abs(lag.seconds):.4g} s {late} by {lag.by} (agreement {lag.agreement:.3f}, {lag.at_zero:.3f} without)"
 

@@ -9,7 +9,7 @@ from enum import StrEnum
 import numpy as np
 
 from highside.errors import InputError
-from highside.importing.core.axes import AxesGuess, axes_by_reference, axes_given
+from highside.importing.core.axes import UNREFERENCED, AxesGuess, axes_by_reference, axes_given
 from highside.importing.core.columns import MANY, block_is_whole, by_range, named_column, row_number, worth_as_time
 from highside.importing.core.headerless import accelerations_among, rates_among, unnamed
 from highside.importing.core.instants import is_instant
@@ -28,10 +28,6 @@ RATES = ("gx_dps", "gy_dps", "gz_dps")
 _RAW = ("uncal", "raw")
 """of a name: the same sensor before the maker's own correction"""
 _TRIADS = ((Quantity.ACCELERATION, ACCELERATIONS), (Quantity.RATE, RATES))
-
-
-UNSEEN_SIGN = "nor whether an axis that points up reads +1 g or -1 g; +1 g is assumed"
-"""Gravity and the reaction to it turn alike: readings and rates agree with either."""
 
 
 class Sure(StrEnum):
@@ -429,7 +425,7 @@ class _Proposing:
         gravity = self._vector(ACCELERATIONS)
         references = [self.guesses.get(name) for name in ("inc_ref_deg", "tf_ref_deg")]
         if gravity is None or any(guess is None or guess.unit is None for guess in references):
-            return AxesGuess("xyz", ("as in the file: no reference shows how they lie in the tool", UNSEEN_SIGN))
+            return UNREFERENCED
         inc, tf = (self._converted(guess) for guess in references if guess is not None)
         guess = axes_by_reference(gravity, inc, tf, self.policy)
         if guess.open or guess.likely:

@@ -105,7 +105,7 @@ def read_dataflash(data: bytes, where: str, stem: str) -> tuple[SourceTable, ...
             if rows[label].dtype.kind != "S":
                 columns[label] = rows[label] / 100.0 if letter in _HUNDREDTHS else rows[label]
         tables += _tables(kind.name, columns, f"ArduPilot log, {kind.name}", where, remarks)
-    return _some(tables, where)
+    return _at_least_one(tables, where)
 
 
 def read_dataflash_text(data: bytes, where: str, stem: str) -> tuple[SourceTable, ...]:
@@ -144,7 +144,7 @@ def read_dataflash_text(data: bytes, where: str, stem: str) -> tuple[SourceTable
             for k, label in enumerate(labels[name])
         }
         tables += _tables(name, columns, f"ArduPilot log as text, {name}", where, remarks)
-    return _some(tables, where)
+    return _at_least_one(tables, where)
 
 
 def _described(content: bytes) -> tuple[int, _Kind | None]:
@@ -189,7 +189,7 @@ def _tables(
     return tables
 
 
-def _some(tables: list[SourceTable], where: str) -> tuple[SourceTable, ...]:
+def _at_least_one(tables: list[SourceTable], where: str) -> tuple[SourceTable, ...]:
     if not tables:
         raise InputError("holds no message of a known type", where=where, remedy="the log is empty or damaged")
     return tuple(tables)

@@ -86,10 +86,12 @@ class ToolsPage:
 
     async def _api(self) -> Response:
         now = time.monotonic()
-        return JSONResponse({
-            "broker": {"connected": self._listener.connected, "reason": self._listener.reason},
-            "tools": [_summary(tool, now) for tool in self._tools.in_order(now)],
-        })  # fmt: skip
+        return JSONResponse(
+            {
+                "broker": {"connected": self._listener.connected, "reason": self._listener.reason},
+                "tools": [_summary(tool, now) for tool in self._tools.in_order(now)],
+            }
+        )
 
 
 def _is_page(path: str) -> bool:

@@ -232,9 +232,11 @@ def _part_rows(tool: ToolState, now: float) -> list[Row]:
     health = tool.health
     if not health:
         return []
-    age = "its age is not known: the broker had kept it" if tool.health_mono is None else (
-        f"{duration(now - tool.health_mono)} ago"
-    )  # fmt: skip
+    age = (
+        "its age is not known: the broker had kept it"
+        if tool.health_mono is None
+        else (f"{duration(now - tool.health_mono)} ago")
+    )
     link, outbox = _table(health, "link"), _table(health, "outbox")
     recorder, calibration = _table(health, "recorder"), _table(health, "calibration")
     dropped = sum(int(value) for value in _table(outbox, "dropped").values() if number(value) is not None)
@@ -285,12 +287,14 @@ def _parameters(tool: ToolState) -> list[dict[str, str]]:
         if value is None or std is None:
             continue
         unit, seen = text(one.get("unit")), one.get("observable") is True
-        rows.append({
-            "name": text(name),
-            "value": f"{1e3 * value:+.3g} ± {2e3 * std:.2g}",
-            "unit": f"m{unit}" if unit.startswith("g") else f"10⁻³ {unit}",
-            "seen": "seen" if seen else "not seen yet",
-        })  # fmt: skip
+        rows.append(
+            {
+                "name": text(name),
+                "value": f"{1e3 * value:+.3g} ± {2e3 * std:.2g}",
+                "unit": f"m{unit}" if unit.startswith("g") else f"10⁻³ {unit}",
+                "seen": "seen" if seen else "not seen yet",
+            }
+        )
     return rows
 
 
