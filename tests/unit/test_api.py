@@ -498,3 +498,12 @@ def test_a_long_file_is_read_when_the_program_allows_it(tmp_path: Path, monkeypa
         highside.read(place)
     highside.allow_bytes(4096)
     assert highside.read(place).n == 20
+
+
+@pytest.mark.parametrize("cell", ["0x1F", "1e400", "True", "1_000", "?"])
+def test_a_cell_that_is_no_number_is_named_and_its_column_is_not_called_missing(tmp_path: Path, cell: str) -> None:
+    path = tmp_path / "rec.csv"
+    rows = "".join(f"{k / 100},0.1,0.2,{cell if k == 7 else 0.97},30,{3 * k}\n" for k in range(100))
+    path.write_text("t_s,ax_g,ay_g,az_g,inc_ref_deg,tf_ref_deg\n" + rows)
+    with pytest.raises(InputError, match=r"line 9: az_g: .*multiples of g are expected"):
+        highside.diagnose(path, {"sensor": {"free": ["bias"]}})

@@ -217,6 +217,8 @@ def rows_of(
     if "ax_g" not in table.columns and table.has("ax", "ay", "az"):
         table = _of_poses(table)
     rows = Recording(table.columns, table.texts, table.order, table.source)
+    # a text in one cell makes a column of texts: no reason to say that a sensor's column is missing
+    rows.require(*(name for name in Recording.known if name in rows.texts))
     if first_s is None and last_s is None:
         return rows
     t_s = rows.t_s
