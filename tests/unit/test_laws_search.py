@@ -196,3 +196,16 @@ def test_without_a_second_session_of_its_own_the_floor_is_not_raised_by_the_misf
     found = Search(problem(state, strong + noise)[1]).run()
     assert [t.group.depends_on for t in found.terms][:1] == [("temp",)]
     assert found.noise.factor.max() < 1.5
+
+
+def test_a_place_that_acts_by_rounding_alone_is_none() -> None:
+    """A gyro across the axis of the turn has no rate to scale: what is left of one are the last digits of the other."""
+    t = 0.01 * np.arange(4000)
+    tf, rate = 2.0 * t + 6.0 * np.sin(0.3 * t), 2.0 + 1.8 * np.cos(0.3 * t)
+    state = ChainState.build(np.full(t.size, 0.5), tf, t_s=t, temp_c=20 + t / 4, rotor_rate_radps=rate)
+    posed = chain_problem(PLAIN, state, np.zeros((6, t.size)), np.zeros((0, 6, t.size)), np.ones((6, t.size)))
+    places = {(one.place, one.channel) for one in posed.places}
+    assert {("gyro_scale", "z"), ("gyro_offset", "x"), ("gyro_offset", "y"), ("scale", "y")} <= places
+    assert not places & {("gyro_scale", "x"), ("gyro_scale", "y")}
+    for one in posed.places:
+        assert np.abs(one.field).max() > 1e-6

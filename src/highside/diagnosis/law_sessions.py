@@ -21,7 +21,7 @@ from highside.diagnosis.laws.chain import OF_POSES, OF_ROTATION, chain_problem, 
 from highside.diagnosis.laws.groups import HISTORY
 from highside.diagnosis.laws.noise import step_of
 from highside.diagnosis.laws.policy import LAW_CELLS, LAW_FLOOR
-from highside.diagnosis.laws.problem import LawProblem, PlaceField
+from highside.diagnosis.laws.problem import LawProblem, PlaceField, fields_that_act
 from highside.diagnosis.magnitude.observed import Magnitudes
 from highside.diagnosis.magnitude.session import MagnitudeSession
 from highside.diagnosis.poses.session import PoseSession
@@ -208,10 +208,9 @@ class MagnitudeLaws:
         free = np.concatenate([free, self.observed.jacobian(model, list(also))])
         wanted = [(place, channel) for place in OF_MAGNITUDES for channel in PLACES[place].channels]
         made = self.derivatives(model, [(LawEffect(unit_law(*one)), np.zeros(1)) for one in wanted])
-        fields = tuple(
+        fields = fields_that_act(
             PlaceField(place, channel, one[0], unit_law(place, channel).axis_of(channel))
             for (place, channel), one in zip(wanted, made, strict=True)
-            if np.any(one)
         )
         known = covariate_values(aligned.state, np.asarray(model.chain(aligned.state).force, dtype=float))
         # where it points is not known but from what it reads: that is the load

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from highside.arrays import Array
-from highside.diagnosis.laws.problem import LawProblem, PlaceField
+from highside.diagnosis.laws.problem import LawProblem, PlaceField, fields_that_act
 from highside.physics.covariates import COVARIATES, covariate
 from highside.physics.effect import AXES
 from highside.physics.forward import ForwardModel
@@ -76,5 +76,5 @@ def chain_problem(
         load = np.asarray(model.chain(state).force, dtype=float)
     names = (*CHANNELS, *GYROS)[: residual.shape[0]]
     return LawProblem(
-        residual, free, tuple(fields), covariate_values(state, load), floor, state.t_s, jitter, names, orders
+        residual, free, fields_that_act(fields), covariate_values(state, load), floor, state.t_s, jitter, names, orders
     )

@@ -43,6 +43,10 @@ class LawGroupsPolicy:
     """Distinct values of a covariate from which it is one with a curve. Source: two are a step and no more."""
     constant: float = 1e-9
     """Range of a covariate, beside its size, below which it does not vary. Source: rounding."""
+    absent: float = 1e-9
+    """What a unit of a law does in a place, beside the most it does in any, below which it does nothing there. Source:
+    rounding; the scale of a gyro across the axis of the turn acts by 1e-15 of that along it (null/251 of the open
+    world of seed fresh-23-nov, in which such columns, 1e10 times, passed for a law)."""
 
 
 LAW_GROUPS = LawGroupsPolicy()

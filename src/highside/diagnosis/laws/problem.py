@@ -6,7 +6,7 @@ each place, the covariates, and a noise floor that does not come from the misfit
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highside.arrays import Array
+from highside.diagnosis.laws.policy import LAW_GROUPS
 
 
 @dataclass(frozen=True)
@@ -30,6 +31,14 @@ class PlaceField:
     def acts(self) -> NDArray[np.bool_]:
         """(C,) on which channels."""
         return np.asarray(np.any(self.field != 0, axis=1))
+
+
+def fields_that_act(fields: Iterable[PlaceField]) -> tuple[PlaceField, ...]:
+    """Those that do more than rounding does, beside the largest of them."""
+    fields = tuple(fields)
+    sizes = [float(np.abs(one.field).max(initial=0.0)) for one in fields]
+    least = LAW_GROUPS.absent * max(sizes, default=0.0)
+    return tuple(one for one, size in zip(fields, sizes, strict=True) if size > least)
 
 
 @dataclass(frozen=True)
