@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import os
 import subprocess
 import sys
 import zlib
@@ -228,3 +229,26 @@ def test_no_file_takes_the_memory(arguments: Command, content: bytes | None, tmp
     assert "hostile" in said
     # kilobytes; the command needs 35 to 200 MB to start
     assert int(process.stdout) < 600_000
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        pytest.param(arguments, id=name)
+        for commands in (OF_DOCUMENTS, OF_SETTINGS, OF_DBCS)
+        for name, arguments in commands.items()
+    ],
+)
+def test_a_file_whose_size_is_damaged_is_not_taken_into_the_memory(
+    arguments: Command, tmp_path: Path, folder: Path
+) -> None:
+    """2 GB less a few, as a file system may state after a loss of power; behind it is nothing. Tools have 512 MB."""
+    hostile = tmp_path / "hostile"
+    hostile.touch()
+    os.truncate(hostile, (2 << 30) - 4096)
+    highside = Path(sys.executable).with_name("highside")
+    command = [sys.executable, "-c", MEASURED, highside, *arguments(hostile, folder)]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, timeout=60)
+    assert done.returncode == 2, done.stderr
+    assert done.stderr.count("\n") == 1 and "hostile" in done.stderr
+    assert int(done.stdout) < 400_000  # kilobytes; 61,000 to 200,000 to start

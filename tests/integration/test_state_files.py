@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 from pathlib import Path
 
@@ -124,6 +125,29 @@ def test_all_state_files_damaged_at_once_do_not_end_the_service(tmp_path, broker
     assert "survey_storage" not in health["alarms"]
     assert "recorder_storage" not in health["alarms"]
     assert "outbox_storage" not in health["alarms"]
+
+
+@pytest.mark.timeout(120)
+def test_state_files_whose_size_is_damaged_are_set_aside_and_not_read(tmp_path, broker):
+    """As after a loss of power on some file systems: 1.9 GB of nothing each. A tool may have 512 MB."""
+    (tmp_path / "state").mkdir()
+    line, subscriber = Pty(), Subscriber(broker.port)
+    for name in ("drift.json", "toolface.jsonl", "starts.json"):
+        (tmp_path / "state" / name).touch()
+        os.truncate(tmp_path / "state" / name, 1_900_000_000)
+    try:
+        with running(configuration(tmp_path, line.path, broker.port)) as daemon:
+            health = wait_for(
+                lambda: (h := subscriber.latest("health")) and h["link"]["opens"] == 1 and h, 30, "at work", daemon
+            )
+            peak = re.search(r"VmHWM:\s+(\d+) kB", Path(f"/proc/{daemon.process.pid}/status").read_text())
+            assert peak is not None and int(peak[1]) < 400_000
+            assert {"drift.json", "toolface.jsonl"} <= {one["file"] for one in health["damaged"]}
+            assert daemon.terminate() == 0, daemon.log
+            assert "Traceback" not in daemon.log
+    finally:
+        subscriber.close()
+        line.close()
 
 
 def test_a_lost_toolface_offset_is_reported_until_it_is_set_anew(tmp_path, broker):

@@ -17,7 +17,7 @@ from highside.config.model_bench import bench_columns, bench_of, laws_of_the_sen
 from highside.errors import InputError
 from highside.physics.forward import ForwardModel
 from highside.physics.law import Law
-from highside.reading import read_bytes
+from highside.reading import read_document
 from highside.recording.table import Table
 
 if TYPE_CHECKING:
@@ -46,7 +46,7 @@ def load_compensation(compensation: CompensationLike) -> Compensation:
 
     if isinstance(compensation, Compensation):
         return compensation
-    return Compensation.from_json(read_bytes(Path(compensation)), where=str(compensation))
+    return Compensation.from_json(read_document(Path(compensation)), where=str(compensation))
 
 
 class OnTrueBench(NamedTuple):
@@ -89,7 +89,7 @@ def on_true_bench(table: Table, turntable: CompensationLike | None, model: Model
             )
         if bench.effects:
             table = _by_bench(table, bench)
-        content = as_toml(knows).encode() if where is None else read_bytes(Path(where))
+        content = as_toml(knows).encode() if where is None else read_document(Path(where))
         ids.append("model:" + hashlib.sha256(content).hexdigest())
         notes += notes_on(where or "the model", knows, bench, laws)
     return OnTrueBench(table, " ".join(ids) or None, tuple(notes), laws)

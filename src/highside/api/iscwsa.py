@@ -13,7 +13,7 @@ import numpy as np
 
 from highside.api.calibration import Calibration
 from highside.errors import InputError
-from highside.reading import parse_json, read_bytes
+from highside.reading import parse_json, read_document
 from highside.recording.calibration_store import read_record
 from highside.recording.files import write_whole
 from highside.recording.frames import File
@@ -118,7 +118,7 @@ def error_model(
 
 
 def _watched(path: Path, cal_id: str) -> dict[str, Any]:
-    document = parse_json(read_bytes(path), where=str(path), remedy="give watch.json or surveys.json")
+    document = parse_json(read_document(path), where=str(path), remedy="give watch.json or surveys.json")
     parameters = document.get("parameters") if isinstance(document, dict) else None
     if not isinstance(parameters, dict) or not all(isinstance(one, dict) for one in parameters.values()):
         raise InputError("is no result of a watch", where=str(path), remedy="give watch.json or surveys.json")
@@ -128,7 +128,7 @@ def _watched(path: Path, cal_id: str) -> dict[str, Any]:
 
 
 def _tool_model(path: Path) -> dict[str, Any]:
-    document = parse_json(read_bytes(path), where=str(path), remedy="give a tool model in the JSON form of ISCWSA")
+    document = parse_json(read_document(path), where=str(path), remedy="give a tool model in the JSON form of ISCWSA")
     terms = document.get("terms") if isinstance(document, dict) else None
     if not isinstance(terms, list) or not all(isinstance(one, dict) for one in terms):
         raise InputError(

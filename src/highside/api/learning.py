@@ -12,7 +12,7 @@ from highside.physics.effects import all_effects, registry
 from highside.physics.law import PREFIX, Law
 from highside.physics.learnt_source import Words, effect_source
 from highside.physics.outside_effects import IDENTIFIER, effect_of_file
-from highside.reading import parse_json, read_bytes
+from highside.reading import parse_json, read_document
 from highside.recording.files import write_whole
 from highside.recording.frames import File
 
@@ -67,7 +67,7 @@ def _answer(diagnosis: File | Mapping[str, Any] | Diagnosis) -> tuple[str | None
         return None, diagnosis
     where = str(diagnosis)
     remedy = "give DIR/diagnosis.json of a diagnosis"
-    answer = parse_json(read_bytes(Path(diagnosis)), where=where, kind="JSON", remedy=remedy)
+    answer = parse_json(read_document(Path(diagnosis)), where=where, kind="JSON", remedy=remedy)
     if not isinstance(answer, Mapping):
         raise InputError("is no diagnosis", where=where, remedy="give DIR/diagnosis.json of a diagnosis")
     return where, answer

@@ -24,7 +24,7 @@ from highside.errors import InputError
 from highside.link.device import DeviceSettings
 from highside.link.tcp_wire import local_wire
 from highside.physics.motion import still
-from highside.reading import read_bytes
+from highside.reading import read_document
 from highside.recording.calibration_store import CalibrationStore, read_record
 from highside.recording.table import Table
 from highside.rotation.compensation import Compensation
@@ -142,7 +142,7 @@ def turntable_of(settings: config.BenchFile) -> Compensation | None:
         raise InputError(
             "no such file", where=str(path), field="bench.turntable", remedy="run a plan `turntable` first"
         )
-    return Compensation.from_json(read_bytes(path), where=str(path))
+    return Compensation.from_json(read_document(path), where=str(path))
 
 
 def by_model(plan: plans.SessionPlan, path: Path) -> plans.SessionPlan:
@@ -183,7 +183,7 @@ def header_of(settings: config.BenchFile, name: str, t_wall_s: float, operator: 
     ids = [] if table is None else [table.id]
     if bench.model is not None and judged is None:
         plan = by_model(plan, bench.model)
-        ids.append("model:" + hashlib.sha256(read_bytes(bench.model)).hexdigest())
+        ids.append("model:" + hashlib.sha256(read_document(bench.model)).hexdigest())
     return Header(
         session=name,
         tool_id=settings.tool.id,

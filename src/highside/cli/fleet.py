@@ -150,10 +150,10 @@ def records_command(
 def _model_text(model: Path) -> str:
     """The model file's text, checked. Raises InputError."""
     from highside.config.model import load_model
-    from highside.reading import decode_text, read_bytes
+    from highside.reading import decode_text, read_document
 
     load_model(model)
-    return decode_text(read_bytes(model), where=str(model), expected="TOML")
+    return decode_text(read_document(model), where=str(model), expected="TOML")
 
 
 @app.command("archive")

@@ -101,11 +101,11 @@ def propose(
     """
     from highside.api.calibration import Calibration
     from highside.api.watch import proposal_of
-    from highside.reading import read_bytes
+    from highside.reading import read_document
     from highside.recording.calibration_store import CalibrationStore
     from highside.watch.proposal import read_outcome
 
-    data = read_bytes(said)
+    data = read_document(said)
     if (calibration is None) == (store is None):
         raise InputError("which record was watched?", remedy="give --calibration or --store")
     kept = None if store is None else CalibrationStore(store)

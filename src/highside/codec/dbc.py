@@ -13,7 +13,7 @@ from highside.codec.registry import CodecTable, only_measured
 from highside.codec.tool_can import ToolCanCodec
 from highside.errors import InputError
 from highside.packaged import example_files
-from highside.reading import read_bytes
+from highside.reading import read_document
 from highside.reading.config_table import ConfigTable
 
 TOOL_DBC = "highside.dbc"
@@ -60,7 +60,7 @@ class DbcCodecConfig(CodecTable):
     def build(self) -> CanCodec:
         path = self.dbc or _shipped(TOOL_DBC)
         where = str(path)
-        messages = can_dbc.compile_dbc(read_bytes(path).decode("cp1252", errors="replace"), where=where)
+        messages = can_dbc.compile_dbc(read_document(path).decode("cp1252", errors="replace"), where=where)
         if self.fields is None:
             return ToolCanCodec(messages, axes=self.axis_map(), where=where)
         sources = {}

@@ -11,7 +11,7 @@ from pydantic_core import ErrorDetails
 from highside.codec.registry import CodecTable, codecs, faults, needed, path_fields
 from highside.config.mistakes import UNKNOWN, Mistake, explained
 from highside.errors import InputError
-from highside.reading import parse_toml, read_bytes
+from highside.reading import parse_toml, read_document
 
 CODEC_NAMES = tuple(codecs())
 
@@ -66,7 +66,7 @@ def codec_from_file(path: Path, name: str) -> CodecConfig:
     """
     known = _known(name)
     where = str(path)
-    document = parse_toml(read_bytes(path), where=where)
+    document = parse_toml(read_document(path), where=where)
     table = document.get("codec")
     if not isinstance(table, dict):
         raise InputError("has no [codec] table", where=where, remedy=f'add one with name = "{name}"')

@@ -21,7 +21,7 @@ from highside.fleet.catalogue import INSTALL, Entry
 from highside.fleet.jobs import Order, empty_row, row_of
 from highside.fleet.parts import PartStore, key_of
 from highside.fleet.policy import TASKS
-from highside.reading import read_bytes
+from highside.reading import read_bytes, read_document
 from highside.reading.files import allowed_bytes
 
 __all__ = ["Finished", "Outcome", "run"]
@@ -107,7 +107,7 @@ def _order_of(entry: Entry, order: Order) -> Order:
     """What is asked of one recording. Raises InputError for a model of its own that cannot be read."""
     own = order
     if entry.model is not None:
-        own = replace(order, model=read_bytes(Path(entry.model)).decode("utf-8", "replace"))
+        own = replace(order, model=read_document(Path(entry.model)).decode("utf-8", "replace"))
     own.model_of()
     return own
 

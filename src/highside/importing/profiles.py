@@ -20,7 +20,7 @@ from highside.importing.core.proposal import Proposal
 from highside.importing.core.units import Unit
 from highside.importing.core.wishes import Taken, Wishes
 from highside.importing.joins import Joins, Second
-from highside.reading import parse_toml, read_bytes
+from highside.reading import parse_toml, read_document
 from highside.recording.files import make_directory, write_whole
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
@@ -98,7 +98,7 @@ def load(name: str) -> Profile | None:
     if not path.exists():
         return None
     where = str(path)
-    found = parse_toml(read_bytes(path), where=where)
+    found = parse_toml(read_document(path), where=where)
     _check(found, _FIELDS, where)
     rate = found.get("rate_hz")
     wishes = Wishes(

@@ -18,7 +18,15 @@ package alone; a test holds the rest of the sources to that.
 """
 
 from highside.reading.dbc import check_dbc
-from highside.reading.documents import MALFORMED, instant, parse_json, parse_json_lines, parse_toml, read_toml
+from highside.reading.documents import (
+    MALFORMED,
+    instant,
+    parse_json,
+    parse_json_lines,
+    parse_toml,
+    read_document,
+    read_toml,
+)
 from highside.reading.files import (
     CERTIFICATES_MAX,
     SECRET_MAX,
@@ -50,6 +58,7 @@ __all__ = [
     "parse_message",
     "parse_toml",
     "read_bytes",
+    "read_document",
     "read_named",
     "read_toml",
     "text_member",

@@ -43,6 +43,12 @@ class _UnusableError(ValueError):
     """A value that the parser takes and we do not."""
 
 
+def read_document(path: Path) -> bytes:
+    """The content of a JSON document, a model or a log of ours, unzipped: what is longer is none and not taken into the
+    memory, whatever size a damaged file system states. Raises InputError."""
+    return read_bytes(path, max_bytes=MAX_DOCUMENT_BYTES)
+
+
 def parse_json(
     data: bytes | str,
     *,
@@ -98,7 +104,7 @@ def parse_json_lines(
 
 def read_toml(path: Path) -> dict[str, Any]:
     """The tables of a TOML file. Raises InputError that names the file and the line."""
-    return parse_toml(read_bytes(path), where=str(path))
+    return parse_toml(read_bytes(path, max_bytes=MAX_TOML_BYTES), where=str(path))
 
 
 def parse_toml(data: bytes | str, *, where: str | None = None, max_bytes: int = MAX_TOML_BYTES) -> dict[str, Any]:

@@ -32,7 +32,7 @@ from highside.calibration.record import (
 from highside.calibration.remark import Reason
 from highside.calibration.signature import TrustedKeys
 from highside.errors import InputError
-from highside.reading import MALFORMED, parse_json, read_bytes
+from highside.reading import MALFORMED, parse_json, read_document
 from highside.reading.files import OPEN_FLAGS
 from highside.recording.files import make_directory, write_whole
 from highside.recording.locks import lock
@@ -55,7 +55,7 @@ class Activation:
 
 def read_record(path: Path) -> CalibrationRecord:
     """Read a record file and check its hash, schema and units. Raises InputError or RecordError."""
-    return parse_record(read_bytes(path), where=str(path))
+    return parse_record(read_document(path), where=str(path))
 
 
 def load_record_file(
@@ -281,7 +281,7 @@ class CalibrationStore:
 
 def _read_activation(path: Path) -> Activation:
     try:
-        data = parse_json(read_bytes(path))
+        data = parse_json(read_document(path))
         entry = Activation(
             number=int(data["number"]),
             tool_id=str(data["tool"]),

@@ -20,7 +20,7 @@ from highside.calibration.record import CalibrationRecord, RecordError, RecordRe
 from highside.calibration.signature import TrustedKeys
 from highside.config.settings import Settings
 from highside.errors import HighsideError
-from highside.reading import read_bytes
+from highside.reading import read_document
 from highside.recording.calibration_store import CalibrationStore, read_record
 from highside.recording.keys import read_trusted_keys
 from highside.rotation.compensation import Compensation
@@ -145,7 +145,7 @@ def compensation_of(settings: Settings) -> LiveCompensation | None:
     path = settings.rotation.compensation
     if path is None:
         return None
-    return LiveCompensation(Compensation.from_json(read_bytes(path), where=str(path)))
+    return LiveCompensation(Compensation.from_json(read_document(path), where=str(path)))
 
 
 def error_text(error: BaseException) -> str:

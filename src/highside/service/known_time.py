@@ -19,7 +19,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from highside.config.settings import Settings
 from highside.errors import HighsideError
-from highside.reading import parse_json, read_bytes
+from highside.reading import parse_json, read_document
 from highside.recording.files import write_whole
 from highside.service import clock
 from highside.service.clock import Moment
@@ -124,7 +124,7 @@ class KnownTime:
         # a damaged file tells nothing, and is replaced
         with contextlib.suppress(HighsideError, ValidationError, OSError):
             if self.path.is_file():
-                return SyncedMoment.model_validate(parse_json(read_bytes(self.path)))
+                return SyncedMoment.model_validate(parse_json(read_document(self.path)))
         return None
 
 

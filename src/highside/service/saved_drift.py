@@ -14,7 +14,7 @@ from pydantic import Field, ValidationError, field_validator, model_validator
 
 from highside.errors import InputError, Refused
 from highside.gyro.gates import StillStatistics
-from highside.reading import parse_json, read_bytes
+from highside.reading import parse_json, read_document
 from highside.recording.files import write_whole
 from highside.service import clock
 from highside.service.strict import Strict
@@ -113,7 +113,7 @@ def read(path: Path, tool: str, now: Stamp) -> SavedDrift | None:
     if not path.exists():
         return None
     try:
-        file = DriftFile.model_validate(parse_json(read_bytes(path)))
+        file = DriftFile.model_validate(parse_json(read_document(path)))
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         field = ".".join(map(str, first["loc"]))

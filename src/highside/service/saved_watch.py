@@ -16,7 +16,7 @@ from pydantic import Field, ValidationError
 
 from highside.arrays import Array
 from highside.errors import InputError, Refused
-from highside.reading import parse_json, read_bytes
+from highside.reading import parse_json, read_document
 from highside.recording.files import write_whole
 from highside.service.saved_drift import Stamp
 from highside.service.strict import Strict
@@ -114,7 +114,7 @@ def read(path: Path, tool: str, now: Stamp) -> SavedWatch | None:
     if not path.exists():
         return None
     try:
-        file = WatchFile.model_validate(parse_json(read_bytes(path)))
+        file = WatchFile.model_validate(parse_json(read_document(path)))
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         field = ".".join(map(str, first["loc"]))

@@ -17,7 +17,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, ValidationError
 
 from highside.errors import HighsideError
-from highside.reading import parse_json, read_bytes
+from highside.reading import parse_json, read_document
 from highside.recording.files import write_whole
 from highside.service.saved_drift import Stamp
 from highside.service.strict import Strict
@@ -94,7 +94,7 @@ class StartLog:
             return None
         # a damaged file tells nothing, and is replaced
         with contextlib.suppress(HighsideError, ValidationError):
-            return Starts.model_validate(parse_json(read_bytes(self.path)))
+            return Starts.model_validate(parse_json(read_document(self.path)))
         return None
 
     def _write(self, *, running: bool) -> None:

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from highside.errors import InputError
-from highside.reading import MALFORMED, instant, parse_json, read_bytes
+from highside.reading import MALFORMED, instant, parse_json, read_document
 from highside.recording.files import flush_directory, make_directory
 from highside.recording.locks import lock
 
@@ -56,7 +56,7 @@ class ToolfaceLog:
         """All settings, oldest first. Raises InputError that names the line that is no setting."""
         if not os.path.lexists(self.path):
             return []
-        data = read_bytes(self.path)
+        data = read_document(self.path)
         lines = data.split(b"\n")
         found = []
         for number, line in enumerate(lines, 1):
