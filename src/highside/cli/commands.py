@@ -16,6 +16,7 @@ import typer
 
 from highside.cli import examples
 from highside.cli.options import as_options, in_options
+from highside.cli.overwriting import refuse_own_inputs
 from highside.cli.say import echo
 from highside.errors import HighsideError
 from highside.printable import one_line
@@ -74,6 +75,7 @@ def app_of(only: str | None = None) -> typer.Typer:
         else:
             app.command(name)(found)
     examples.attach(app)
+    refuse_own_inputs(app)
     return app
 
 

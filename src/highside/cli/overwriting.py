@@ -1,0 +1,65 @@
+"""No command writes over a file that it reads, nor two answers to one place: a recording is made once."""
+
+from __future__ import annotations
+
+import functools
+import inspect
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Annotated, Any, get_args, get_origin
+
+import typer
+from typer.models import OptionInfo
+
+from highside.errors import InputError
+
+WRITTEN = ("--output", "--out", "--html", "--write-model", "--poses")
+"""Options that name what is written, wherever their value is a path."""
+
+
+def refuse_own_inputs(app: typer.Typer) -> None:
+    """Let every command of `app` and its groups refuse an output that is one of its inputs, before it begins."""
+    for group in app.registered_groups:
+        assert group.typer_instance is not None
+        refuse_own_inputs(group.typer_instance)
+    for command in app.registered_commands:
+        if command.callback is not None and not hasattr(command.callback, "__wrapped__"):
+            command.callback = _guarded(command.callback)
+
+
+def _guarded(function: Callable[..., Any]) -> Callable[..., Any]:
+    written = dict(_outputs(function))
+
+    @functools.wraps(function)
+    def guarded(*args: Any, **given: Any) -> Any:
+        read = [path for name, value in given.items() if name not in written for path in _paths(value)]
+        others: dict[Path, str] = {}
+        for name, option in written.items():
+            for output in _paths(given.get(name)):
+                if output.is_file() and any(path.exists() and output.samefile(path) for path in read):
+                    raise _no(output, option, "is a file that this command reads")
+                if other := others.get(output.resolve()):
+                    raise _no(output, option, f"is what {other} names, too")
+                others[output.resolve()] = option
+        return function(*args, **given)
+
+    return guarded if written else function
+
+
+def _no(output: Path, option: str, what: str) -> InputError:
+    return InputError(what, where=str(output), field=option, remedy="name another file")
+
+
+def _outputs(function: Callable[..., Any]) -> Iterator[tuple[str, str]]:
+    """(parameter, option) of what is written."""
+    for name, parameter in inspect.signature(function, eval_str=True).parameters.items():
+        if get_origin(parameter.annotation) is Annotated:
+            for info in get_args(parameter.annotation)[1:]:
+                # a single name stands where a default would
+                names = (info.default, *(info.param_decls or ())) if isinstance(info, OptionInfo) else ()
+                yield from ((name, option) for option in WRITTEN if option in names)
+
+
+def _paths(value: object) -> tuple[Path, ...]:
+    values = value if isinstance(value, list | tuple) else (value,)
+    return tuple(one for one in values if isinstance(one, Path))
