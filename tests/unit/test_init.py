@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import socket
+import subprocess
+import sys
 from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
@@ -109,3 +111,13 @@ def test_text_cannot_leave_its_place_in_the_file() -> None:
     settings = settings_of(first_configuration(Answers(port='/dev/a"b', broker="::1")), where="x")
     assert settings.link.port == '/dev/a"b'  # type: ignore[union-attr]
     assert settings.mqtt.host == "::1"
+
+
+def test_questions_that_nobody_answers_are_one_line_and_nothing_is_written(tmp_path: Path, nobody: str) -> None:
+    command = [Path(sys.executable).with_name("highside"), "init", tmp_path / "highside.toml", "--port", "simulated"]
+    done = subprocess.run(
+        [*command, "--broker", nobody], stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=60
+    )
+    assert done.returncode == 2, done.stderr
+    assert done.stderr.splitlines()[-1].startswith("highside: the input ended before all questions were answered")
+    assert not list(tmp_path.iterdir())

@@ -135,7 +135,10 @@ def run(arguments: list[str]) -> int:
         return int(app(arguments, standalone_mode=False) or 0)
     except UsageFault as error:
         return _usage(error)
-    except (typer.Abort, KeyboardInterrupt):
+    except (typer.Abort, KeyboardInterrupt) as ended:
+        if isinstance(ended.__context__, EOFError):
+            echo("\nhighside: the input ended before all questions were answered; give them as options", err=True)
+            return 2
         return 130
     except HighsideError as error:
         echo(f"highside: {in_options(error)}", err=True)
