@@ -7,10 +7,18 @@ import random
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
 from highside.calibration.correction import IdentityCorrection
 from highside.codec.frame import Counts, Frame
-from highside.config.settings import MonitorSettings, PipelineSettings, RebalanceTable, SurveySettings, ToolSettings
+from highside.config.settings import (
+    CalibrationSettings,
+    MonitorSettings,
+    PipelineSettings,
+    RebalanceTable,
+    SurveySettings,
+    ToolSettings,
+)
 from highside.service.outputs import AttitudeOutput, Survey
 from highside.service.pipeline import Pipeline
 from highside.service.window import WindowReading, window_statistics
@@ -40,13 +48,44 @@ def make(**changes: object) -> tuple[Pipeline, list[AttitudeOutput | Survey]]:
         codec=ListCodec(),
         tool=changes.get("tool", ToolSettings()),
         pipeline=changes.get("pipeline", PipelineSettings()),
-        monitor=MonitorSettings(),
+        monitor=changes.get("monitor", MonitorSettings()),
         survey=changes.get("survey", SurveySettings(still_s=5.0)),
         correction=changes.get("correction", IdentityCorrection(0.0, 0.0)),
         rebalance=changes.get("rebalance", RebalanceTable()),
         emit=out.append,
     )
     return pipeline, out
+
+
+TABLES = {
+    "tool": ToolSettings,
+    "pipeline": PipelineSettings,
+    "monitor": MonitorSettings,
+    "survey": SurveySettings,
+    "calibration": CalibrationSettings,
+    "rebalance": RebalanceTable,
+}
+NUMBERS = [
+    (table, name) for table, kind in TABLES.items() for name, field in kind.model_fields.items()
+    if field.annotation in (float, int, float | None)
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("value", [1e-300, 1e-9, 1e18, 1e300])
+@pytest.mark.parametrize(("table", "name"), NUMBERS)
+def test_an_absurd_setting_is_refused_or_carried_out(table: str, name: str, value: float) -> None:
+    try:
+        settings = TABLES[table].model_validate({name: value})
+    except ValidationError:
+        return
+    if isinstance(settings, CalibrationSettings):
+        pipeline, out = make(correction=IdentityCorrection(settings.bias_std_g, settings.scale_std))
+    else:
+        pipeline, out = make(**{table: settings})
+    with np.errstate(all="ignore"):
+        for frame in frames(1500, lambda t: (30.0, 60.0)):
+            pipeline.on_frame(frame)
+    assert all(0.0 <= one.inc_deg <= 180.0 for one in out if isinstance(one, AttitudeOutput))
 
 
 def gravity(inc_deg: float, tf_deg: float) -> np.ndarray:

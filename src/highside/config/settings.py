@@ -92,9 +92,9 @@ class SurveySettings(ConfigTable):
     enabled: bool = True
     still_s: float = Field(default=10.0, gt=0.5, description="Seconds of device time without motion.")
     sigma: float = Field(default=6.0, gt=1, description="A mean that departs by more of its own sigmas is motion.")
-    floor_g: float = Field(default=5e-4, ge=0, description="Departures below this are never motion.")
+    floor_g: float = Field(default=5e-4, ge=0, le=10, description="Departures below this are never motion.")
     max_noise_g: float = Field(
-        default=0.005, gt=0, description="More scatter of one reading than this is never the sensor's own."
+        default=0.005, gt=0, le=10, description="More scatter of one reading than this is never the sensor's own."
     )
     accept: AcceptSettings = AcceptSettings()
 
@@ -107,8 +107,8 @@ class CalibrationSettings(ConfigTable):
     trusted_keys: Path | None = Field(
         default=None, description="Public keys, one a line: only a record signed with one of them is used."
     )
-    bias_std_g: float = Field(default=2e-3, ge=0, description="Offset of an uncalibrated sensor, 1 sigma.")
-    scale_std: float = Field(default=3e-3, ge=0, description="Scale error of an uncalibrated sensor, 1 sigma.")
+    bias_std_g: float = Field(default=2e-3, ge=0, le=10, description="Offset of an uncalibrated sensor, 1 sigma.")
+    scale_std: float = Field(default=3e-3, ge=0, le=1, description="Scale error of an uncalibrated sensor, 1 sigma.")
 
     @model_validator(mode="after")
     def _one_source(self) -> Self:
