@@ -94,7 +94,8 @@ def test_csv_of_a_real_wire_recording(shared_data: Path, tmp_path: Path) -> None
         (["nothing.csv", "--to", "csv"], "no such file"),
         (["bad.csv", "--to", "mcap", "-o", "x.mcap"], "lacks the column t_s"),
         (["early.csv", "--to", "mcap", "-o", "x.mcap"], "t_s: MCAP knows times from 0"),
-        (["early.csv", "--to", "csv", "-o", "early.csv"], "is the recording itself"),
+        (["early.csv", "--to", "csv", "-o", "early.csv"], "is a file that this command reads"),
+        (["early.csv", "--to", "csv"], "is the recording itself"),
         (["early.csv", "--to", "parquet", "-o", "no/such/x"], "cannot be written"),
     ],
 )
