@@ -8,7 +8,7 @@ short. Speeds are measured elsewhere (`tests/bench`, `make bench`).
 |---|---|
 | `calibration_montecarlo` | how near each calibration method comes to the least error that is possible |
 | `schedule_coverage`, `session_coverage` | whether stated uncertainties of corrections and of bench sessions hold |
-| `structure_montecarlo`, `rebalance_limits` | what structure between zones costs, what an in-run correction can know |
+| `structure_montecarlo`, `rolling_bias_limits` | what structure between zones costs, what an in-run one can know |
 | `balance_coverage` | whether what one published table predicts of the others holds |
 | `drift_scenarios`, `drift_limit`, `drift_real` | azimuth: methods, the least drift possible, real recordings |
 | `rotation_gap` | compensation over a part of the turn that was never seen |

@@ -214,7 +214,7 @@ async def test_a_fault_at_any_line_of_a_reload_changes_nothing(tmp_path, monkeyp
     monkeypatch.setattr(reload.asyncio, "to_thread", inline)
     figures, new_figures, wits = free_port(), free_port(), free_port()
     everything = (
-        "[pipeline]\noutput_rate_hz = 50\n[monitor]\nrange_g = 5\n[survey]\nstill_s = 3\n[rebalance]\napply = true\n"
+        "[pipeline]\noutput_rate_hz = 50\n[monitor]\nrange_g = 5\n[survey]\nstill_s = 3\n[rolling_bias]\napply = true\n"
         "[recorder]\nenabled = false\n[vibration]\ncorner_hz = 2.0\n[site]\nlatitude_deg = 50.0\n[drift]\n"
         f'azimuth_deg = 10.0\n[[wits]]\nkind = "tcp_server"\nport = {wits}\n[home_assistant]\n'
     )

@@ -158,7 +158,7 @@ def test_new_limits_in_the_middle_of_a_frame_lose_nothing(tmp_path, broker, subs
             daemon,
             subscriber,
             path,
-            content + "[monitor]\nrange_g = 5\n[rebalance]\napply = true\n[survey]\nstill_s = 2\n",
+            content + "[monitor]\nrange_g = 5\n[rolling_bias]\napply = true\n[survey]\nstill_s = 2\n",
         )
         assert last_health == {"count": 1, "refused": None}
         line.write_all(data[cut:])

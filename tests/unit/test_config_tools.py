@@ -130,3 +130,12 @@ def test_toolface_and_doctor_know_the_tools_of_a_file(tmp_path: Path) -> None:
     assert not any("/dev/a" in finding["found"] for finding in answer["tools"]["b"])
     of_one = json.loads(commanded("doctor", "--config", path, "--json", "--set", "mqtt.port=1", "--tool", "b").stdout)
     assert [one["check"] for one in of_one["findings"]] == [one["check"] for one in answer["tools"]["b"]]
+
+
+def test_a_table_by_its_name_of_before_is_understood(tmp_path: Path) -> None:
+    path = tmp_path / "highside.toml"
+    path.write_text(
+        '[tool]\nid = "a"\n[link]\nkind = "simulated"\n[codec]\nname = "tool"\n[rebalance]\nmax_offset_g = 0.002\n'
+    )
+    found = load(path, ["rebalance.apply=true"])
+    assert found.rolling_bias.apply and found.rolling_bias.max_offset_g == 0.002

@@ -186,7 +186,7 @@ def test_health_reads_back() -> None:
             "toolface": {},
             "wits": [],
             "calibration": {"cal_id": "identity"},
-            "rebalance": {},
+            "rolling_bias": {},
             "reload": {},
             "balance": {"messages": True},
             "alarms": [],

@@ -15,7 +15,7 @@ from highside.config.settings import (
     CalibrationSettings,
     MonitorSettings,
     PipelineSettings,
-    RebalanceTable,
+    RollingBiasTable,
     SurveySettings,
     ToolSettings,
 )
@@ -51,7 +51,7 @@ def make(**changes: object) -> tuple[Pipeline, list[AttitudeOutput | Survey]]:
         monitor=changes.get("monitor", MonitorSettings()),
         survey=changes.get("survey", SurveySettings(still_s=5.0)),
         correction=changes.get("correction", IdentityCorrection(0.0, 0.0)),
-        rebalance=changes.get("rebalance", RebalanceTable()),
+        rolling_bias=changes.get("rolling_bias", RollingBiasTable()),
         emit=out.append,
     )
     return pipeline, out
@@ -63,7 +63,7 @@ TABLES = {
     "monitor": MonitorSettings,
     "survey": SurveySettings,
     "calibration": CalibrationSettings,
-    "rebalance": RebalanceTable,
+    "rolling_bias": RollingBiasTable,
 }
 NUMBERS = [
     (table, name) for table, kind in TABLES.items() for name, field in kind.model_fields.items()
@@ -249,10 +249,10 @@ def test_the_scatter_about_a_line_is_the_variance_of_a_long_window():
 @pytest.mark.parametrize("apply", [False, True])
 def test_the_offset_of_this_power_up_is_found_while_turning_and_taken_off_only_where_configured(apply):
     """300 ug on x and y at I = 1.2 deg, 20 rpm, 100 frames/s: the toolface error is 0.8 deg without the re-balance."""
-    pipeline, out = make(rebalance=RebalanceTable(apply=apply))
+    pipeline, out = make(rolling_bias=RollingBiasTable(apply=apply))
     for f in frames(2000, lambda t: (1.2, (120.0 * t) % 360.0), noise_g=350e-6):
         pipeline.on_frame(f._replace(ax=f.ax + 300e-6, ay=f.ay + 300e-6))
-    offset = pipeline.rebalancer.offset
+    offset = pipeline.rolling_bias.offset
     assert offset is not None
     assert offset.bx_g == pytest.approx(300e-6, abs=5 * offset.std_g[0])
     assert offset.by_g == pytest.approx(300e-6, abs=5 * offset.std_g[1])
@@ -265,6 +265,6 @@ def test_the_offset_of_this_power_up_is_found_while_turning_and_taken_off_only_w
     noise_limit = math.degrees(350e-6 / math.sqrt(10) / math.sin(math.radians(1.2)))
     if apply:
         assert rms < 1.3 * noise_limit
-        assert all("rebalanced" in o.flags for o in out if isinstance(o, AttitudeOutput) and o.t_device_s > 12.0)
+        assert all("rolling_bias" in o.flags for o in out if isinstance(o, AttitudeOutput) and o.t_device_s > 12.0)
     else:
         assert rms > 2.0 * noise_limit

@@ -25,7 +25,7 @@ from highside.calibration.sensor_laws import (
 )
 from highside.cli.main import app
 from highside.codec.frame import Counts, Frame
-from highside.config.settings import MonitorSettings, PipelineSettings, RebalanceTable, SurveySettings, ToolSettings
+from highside.config.settings import MonitorSettings, PipelineSettings, RollingBiasTable, SurveySettings, ToolSettings
 from highside.errors import InputError
 from highside.physics.gravity import gravity_direction
 from highside.physics.law import Law
@@ -125,7 +125,7 @@ def live(correction: Correction, frames: list[Frame], *extra_columns: str) -> li
         monitor=MonitorSettings(),
         survey=SurveySettings(enabled=False),
         correction=correction,
-        rebalance=RebalanceTable(),
+        rolling_bias=RollingBiasTable(),
         emit=out.append,
     )
     for frame in frames:

@@ -18,7 +18,7 @@ from highside.calibration.correction import IdentityCorrection
 from highside.codec.frame import Frame
 from highside.codec.tool import ToolCodec
 from highside.config.rig import AcceptSettings, SiteSettings
-from highside.config.settings import MonitorSettings, PipelineSettings, RebalanceTable, SurveySettings, ToolSettings
+from highside.config.settings import MonitorSettings, PipelineSettings, RollingBiasTable, SurveySettings, ToolSettings
 from highside.physics.motion import Leg, Motion
 from highside.service.outputs import AttitudeOutput, Survey, SurveyReason
 from highside.service.pipeline import Pipeline
@@ -262,7 +262,7 @@ def test_a_day_of_drilling_and_connections() -> None:
     pipeline = Pipeline(
         codec=ToolCodec(), tool=ToolSettings(), pipeline=PipelineSettings(output_rate_hz=1.0, averaging_s=1.0),
         monitor=MonitorSettings(), survey=SurveySettings(still_s=STILL_S), correction=IdentityCorrection(1e-5, 1e-5),
-        rebalance=RebalanceTable(), emit=lambda o: found.append((now[0], o)) if isinstance(o, Survey) else None,
+        rolling_bias=RollingBiasTable(), emit=lambda o: found.append((now[0], o)) if isinstance(o, Survey) else None,
     )  # fmt: skip
     pipeline.gravity = SITE
     rng = np.random.default_rng(11)

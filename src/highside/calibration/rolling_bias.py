@@ -376,5 +376,5 @@ class BiasCorrected:
             one.gz,
             (xx + dxx, xy + dxy, xz, yy + dyy, yz, zz),
             one.zone,
-            (*one.flags, "rebalanced"),
+            (*one.flags, "rolling_bias"),
         )

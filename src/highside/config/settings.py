@@ -125,7 +125,7 @@ class RotationSettings(ConfigTable):
     )
 
 
-class RebalanceTable(RollingBiasSettings):
+class RollingBiasTable(RollingBiasSettings):
     """The rolling bias correction: the cross-axis offset of this power-up, from the circle that a turning tool
     draws."""
 
@@ -177,7 +177,7 @@ class Settings(BaseSettings):
     survey: SurveySettings = SurveySettings()
     calibration: CalibrationSettings = CalibrationSettings()
     rotation: RotationSettings = RotationSettings()
-    rebalance: RebalanceTable = RebalanceTable()
+    rolling_bias: RollingBiasTable = RollingBiasTable()
     drift: DriftSettings = DriftSettings()
     watch: WatchSettings = WatchSettings()
     mqtt: MqttSettings = MqttSettings()
@@ -270,6 +270,10 @@ def validate(
 ) -> Settings:
     """Validate tables as `load` does; `where` names their source in errors."""
     given = parse_overrides(overrides or [])
+    for named in (tables, given):
+        if "rebalance" in named and "rolling_bias" not in named:
+            # as the table was called before
+            named["rolling_bias"] = named.pop("rebalance")
     if environment:
         _known_environment(where)
     token = _GIVEN.set(_Given(tables, environment))

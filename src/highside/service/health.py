@@ -86,7 +86,7 @@ class Health:
             wits=self._rig.wits_health(),
             calibration=parts.calibration.as_dict(),
             rotation=_rotation(parts),
-            rebalance=_rebalance(parts),
+            rolling_bias=_rolling_bias(parts),
             drift=self._drift.health(),
             watch=self._watch.health(),
             reload=reloaded,
@@ -139,15 +139,15 @@ def _rotation(parts: ServiceParts) -> dict[str, Any] | None:
     }
 
 
-def _rebalance(parts: ServiceParts) -> dict[str, Any]:
-    rebalancer = parts.pipeline.rebalancer
-    offset = rebalancer.offset
+def _rolling_bias(parts: ServiceParts) -> dict[str, Any]:
+    rolling_bias = parts.pipeline.rolling_bias
+    offset = rolling_bias.offset
     return {
-        "state": rebalancer.state.value,
-        "reason": rebalancer.reason.value,
-        "turns": rebalancer.turns_collected,
+        "state": rolling_bias.state.value,
+        "reason": rolling_bias.reason.value,
+        "turns": rolling_bias.turns_collected,
         "bx_ug": None if offset is None else round(offset.bx_g * 1e6, 2),
         "by_ug": None if offset is None else round(offset.by_g * 1e6, 2),
         "std_ug": None if offset is None else round(max(offset.std_g) * 1e6, 2),
-        "applied": parts.settings.rebalance.apply and offset is not None,
+        "applied": parts.settings.rolling_bias.apply and offset is not None,
     }

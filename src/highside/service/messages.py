@@ -185,7 +185,7 @@ class HealthMessage(Payload):
         description="`cal_id` in force; why a configured record was `refused`, with the `reason` (none_active: nothing"
         " was ever put in force), and whether the one before is `kept`."
     )
-    rebalance: dict[str, Any] = Field(description="Cross-axis offset of this power-up, and whether it is taken off.")
+    rolling_bias: dict[str, Any] = Field(description="Cross-axis offset of this power-up, and whether it is taken off.")
     drift: dict[str, Any] | None = Field(default=None, description="How the azimuth's state is kept; null: no stage.")
     watch: dict[str, Any] | None = Field(
         default=None, description="The watch of the calibration in short, and how its state is kept; null: no watch."

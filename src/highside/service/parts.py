@@ -105,7 +105,7 @@ def make_pipeline(
         monitor=settings.monitor,
         survey=settings.survey,
         correction=calibration.correction,
-        rebalance=settings.rebalance,
+        rolling_bias=settings.rolling_bias,
         emit=emit,
         vibration=settings.vibration,
         toolface=settings.toolface,

@@ -23,7 +23,7 @@ from highside.config.rig import ToolfaceSettings, VibrationSettings
 from highside.config.settings import (
     MonitorSettings,
     PipelineSettings,
-    RebalanceTable,
+    RollingBiasTable,
     Settings,
     SurveySettings,
     ToolSettings,
@@ -70,7 +70,7 @@ class Pipeline:
         monitor: MonitorSettings,
         survey: SurveySettings,
         correction: Correction,
-        rebalance: RebalanceTable,
+        rolling_bias: RollingBiasTable,
         emit: Callable[[AttitudeOutput | Survey], None],
         vibration: VibrationSettings | None = None,
         toolface: ToolfaceSettings | None = None,
@@ -83,8 +83,8 @@ class Pipeline:
         self.drift, self.watch = drift, watch
         """the azimuth, for tools with gyros; whether the calibration still holds"""
         self._correction = correction
-        self._rebalance = rebalance
-        self.rebalancer = RollingBias(rebalance)
+        self._rolling_bias_settings = rolling_bias
+        self.rolling_bias = RollingBias(rolling_bias)
         self._block = ReadingBlock()
         self._gyro_rotor: tuple[float | None, float | None] = (None, None)
         """rotor angle and rate (deg, deg/s) at the reading that the azimuth refers to"""
@@ -129,7 +129,7 @@ class Pipeline:
     @correction.setter
     def correction(self, correction: Correction) -> None:
         if correction.cal_id != self._correction.cal_id:
-            self.rebalancer = RollingBias(self._rebalance)
+            self.rolling_bias = RollingBias(self._rolling_bias_settings)
         self._correction = correction
 
     @property
@@ -168,9 +168,9 @@ class Pipeline:
         # the codec and its counters go on: not a byte is lost for a new limit
         new.monitor = copy.copy(self.monitor)
         new.monitor.apply(range_g=settings.monitor.range_g, stuck_frames=settings.monitor.stuck_frames)
-        if settings.rebalance != before.rebalance:
-            new._rebalance = settings.rebalance
-            new.rebalancer, new._block = RollingBias(settings.rebalance), ReadingBlock()
+        if settings.rolling_bias != before.rolling_bias:
+            new._rolling_bias_settings = settings.rolling_bias
+            new.rolling_bias, new._block = RollingBias(settings.rolling_bias), ReadingBlock()
         if settings.vibration != before.vibration:
             new.shock = ShockMeter(settings.vibration)
         new._toolface = settings.toolface
@@ -279,11 +279,11 @@ class Pipeline:
         block = self._block
         t, mean, temp = block.take()
         corrected = knowing(self._correction, frame, self.codec.extra_columns).correct(mean, temp_c=temp)
-        self.rebalancer.add(t, corrected.gx, corrected.gy, corrected.gz)
+        self.rolling_bias.add(t, corrected.gx, corrected.gy, corrected.gz)
         if self.watch is not None:
             self.watch.close(t, frame.t_mono, corrected[:3], temp)
         if self.drift is not None:
-            if self._rebalance.apply:
+            if self._rolling_bias_settings.apply:
                 corrected = self._in_force(frame).correct(mean, temp_c=temp)
             gx, gy, gz = corrected.gx, corrected.gy, corrected.gz
             heading: float | None = 0.0
@@ -295,7 +295,7 @@ class Pipeline:
 
     def _begin_anew(self) -> None:
         # the device began again: a new power-up has a new turn-on bias
-        self.rebalancer.reset()
+        self.rolling_bias.reset()
         if self.drift is not None:
             self.drift.device_restarted()
         self._block = ReadingBlock()
@@ -335,7 +335,7 @@ class Pipeline:
 
     def _in_force(self, frame: Frame) -> Correction:
         correction = knowing(self._correction, frame, self.codec.extra_columns)
-        return self.rebalancer.wrap(correction) if self._rebalance.apply else correction
+        return self.rolling_bias.wrap(correction) if self._rolling_bias_settings.apply else correction
 
     def _watch_stillness(self, window: WindowStatistics, fresh: list[WindowReading], frame: Frame, t: float) -> None:
         still, settings = self._stillness, self._survey_settings

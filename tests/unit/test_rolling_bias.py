@@ -77,9 +77,9 @@ def test_after_three_turns_toolface_is_within_a_third_of_the_noise_limit(
         Zone("global", None, 0.0, math.pi, linear_parameters(np.eye(3), np.zeros(3), np.zeros((12, 12))), 1.0)
     )
     for seed in range(150):
-        rebalancer = fed(*turning(THREE_TURNS_S + 0.1, seed=seed))
-        assert rebalancer.offset is not None, (seed, rebalancer.state, rebalancer.reason)
-        correction = rebalancer.wrap(identity)
+        rolling_bias = fed(*turning(THREE_TURNS_S + 0.1, seed=seed))
+        assert rolling_bias.offset is not None, (seed, rolling_bias.state, rolling_bias.reason)
+        correction = rolling_bias.wrap(identity)
         tf = float(rng.uniform(0.0, 2.0 * math.pi))
         m = (
             gravity_direction(np.array([inc]), np.array([tf]))[:, 0]
@@ -87,7 +87,7 @@ def test_after_three_turns_toolface_is_within_a_third_of_the_noise_limit(
             + averaged * rng.standard_normal(3)
         )
         out = correction.correct((float(m[0]), float(m[1]), float(m[2])))
-        assert out.flags == ("rebalanced",)
+        assert out.flags == ("rolling_bias",)
         errors.append(math.remainder(math.atan2(out.gy, out.gx) - tf, 2 * math.pi))
         before.append(math.remainder(math.atan2(m[1], m[0]) - tf, 2 * math.pi))
     rms = math.sqrt(np.mean(np.square(errors)))

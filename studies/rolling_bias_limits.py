@@ -1,6 +1,6 @@
 """What the in-run re-balance leaves of toolface after three turns, for single frames and for means: all limits beside.
 
-    python -m studies.rebalance_limits [--sessions N]
+    python -m studies.rolling_bias_limits [--sessions N]
 
 300 ug of turn-on bias on x and on y, I = 1.2 deg, 20 rpm, 100 frames/s of 50 ug/sqrt(Hz): 353.6 ug a frame. Three turns
 are 900 frames, so that no estimator can know the centre of the circle better than `sqrt(2 / 900)` of a frame's noise,
@@ -51,12 +51,12 @@ def measure(sessions: int) -> dict[int, tuple[float, float, float, float]]:
     squares: dict[int, list[tuple[float, float]]] = {n: [] for n in AVERAGED}
     for seed in range(sessions):
         rng = np.random.default_rng([seed, 12])
-        rebalancer = RollingBias()
+        rolling_bias = RollingBias()
         for k, row in enumerate(frames(rng, FRAMES).T.tolist()):
-            rebalancer.add(k / RATE_HZ, *row)
-        if rebalancer.offset is None:
-            raise RuntimeError(f"session {seed}: {rebalancer.state}, {rebalancer.reason}")
-        correction = rebalancer.wrap(identity)
+            rolling_bias.add(k / RATE_HZ, *row)
+        if rolling_bias.offset is None:
+            raise RuntimeError(f"session {seed}: {rolling_bias.state}, {rolling_bias.reason}")
+        correction = rolling_bias.wrap(identity)
         for n in AVERAGED:
             tf = rng.uniform(0.0, 2.0 * math.pi, LATER)
             m = gravity_direction(np.full(LATER, INC_RAD), tf) + BIAS_G[:, None]
