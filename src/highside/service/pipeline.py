@@ -39,7 +39,7 @@ from highside.service.rig.surveys import Gravity, judge
 from highside.service.stillness import Cut, StillnessDetector
 from highside.service.watch_stage import DEPARTS, WatchStage
 from highside.service.window import (
-    REBALANCE_BLOCK_S,
+    ROLLING_BIAS_BLOCK_S,
     NoiseEstimate,
     ReadingBlock,
     WindowReading,
@@ -267,7 +267,7 @@ class Pipeline:
                 self.drift.add(frame.gx, frame.gy, frame.gz)
             if self.watch is not None:
                 self.watch.add(t, frame.gx, frame.gy, frame.gz)
-        if self._block.t - self._block.start >= REBALANCE_BLOCK_S:
+        if self._block.t - self._block.start >= ROLLING_BIAS_BLOCK_S:
             self._close_block(frame)
         if self._due is None:
             self._due = self._next_due(t)

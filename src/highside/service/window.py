@@ -21,7 +21,7 @@ SETTLED = 20
 """Second differences from which the running estimate of the noise is a measure of it."""
 MIN_OWN_SCATTER = 8
 """Readings in a window from which its own scatter is used instead of the running estimate of the noise."""
-REBALANCE_BLOCK_S = 0.0095
+ROLLING_BIAS_BLOCK_S = 0.0095
 """Readings within this are averaged before the re-balance sees them: 1.1 deg of a turn at 20 rpm."""
 QUIET_MEMORY_S = 3600.0
 """In about this time the sensor's own noise may be found to have grown."""
@@ -114,7 +114,7 @@ class ReadingBlock:
 
     def add(self, t: float, a: Vector, temp_c: float | None) -> None:
         if not self._n:
-            self.start = self.t if t - self.t < 2.0 * REBALANCE_BLOCK_S else t
+            self.start = self.t if t - self.t < 2.0 * ROLLING_BIAS_BLOCK_S else t
         self.t = t
         self._n += 1
         self._t_sum += t

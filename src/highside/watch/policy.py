@@ -68,7 +68,7 @@ class WatchPolicy:
     """g or ratio: a hypothesis that needs more than this is none, and a reading whose length departs from gravity by
     more is none of a tool with small errors: an axis is dead, stuck or saturated"""
     fewest_beyond: int = 2
-    """such readings from which that is said: one may be a knock"""
+    """such readings from which that is said: one may be a shock"""
     wide: float = 2e-3
     """g or ratio: how far each parameter may be off for what the hole alone says (`learning` or `holds`)"""
     still_unseen_deg: float = 0.1

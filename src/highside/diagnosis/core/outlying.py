@@ -1,4 +1,4 @@
-"""Still readings that do not belong to the others: a knock, a wrong angle written down, one taken on the way.
+"""Still readings that do not belong to the others: a shock, a wrong angle written down, one taken on the way.
 
 One of them is enough to raise what is learnt of the noise (and hide what else is there), or to be fitted by a narrow
 law. A reading is judged by what the others predict for it: with the base effects fitted, r (C,) its residual and H

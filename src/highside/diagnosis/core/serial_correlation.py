@@ -42,7 +42,7 @@ def serial_correlation_beside(
     slow: frozenset[int],
     unnamed: frozenset[int],
 ) -> SerialCorrelation[N]:
-    """The suspicion beside what was claimed of the fast effects alone.
+    """Test for serial correlation beside what was claimed of the fast effects alone.
 
     Where time and the programme run alike, a slow effect is first taken for a fast one that resembles it. So the slow
     are also tested beside what is chosen where both may be, if they all hold there.

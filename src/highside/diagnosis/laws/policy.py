@@ -144,13 +144,13 @@ class LawSearchPolicy:
     """Laws taken before any noise is learnt, at most. Source: chosen; coloured noise would be given any number."""
     simpler: float = 6.0
     """Nats by which a law of two covariates must be ahead of one of these alone. Source: chosen; within the class."""
-    exchange: float = 1.0
+    rival_gain: float = 1.0
     """Nats by which another group must be ahead to take a law's place. Source: chosen; less is a tie."""
     tie: float = 1e-3
     """Nats within which groups tie, and the first of them is taken. Source: an offset and a cross-axis element of the
     load at one inclination differ by 1e-8, with the processor's rounding (tests/unit/test_diagnosis_rotation.py)."""
     rounds: int = 2
-    """Rounds of exchanges. Source: chosen; the third changed nothing in the trial."""
+    """Rounds of rival refits. Source: chosen; the third changed nothing in the trial."""
     same: float = 8.0
     """Nats behind the best within which a group is in the class. Source: truth in the class 97.5 % of 239 sessions."""
     same_confounded: float = 20.0

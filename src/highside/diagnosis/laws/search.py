@@ -143,7 +143,7 @@ class Search:
         return whitener.clipped(self.problem.residual, np.tensordot(mean, columns, 1))
 
     def _grown(self, state: _State, *, relearn: bool) -> _State:
-        """Groups taken one by one while they gain, each exchanged for any that does better."""
+        """Groups taken one by one while they gain, each put to the test against its rivals."""
         while len(state.terms) < (LAW_SEARCH.most if relearn else LAW_SEARCH.most_first):
             white = self._whitened(state)
             gains, priors = white.scores(state.terms, least=LAW_SEARCH.gain, within=LAW_SEARCH.simpler)
@@ -152,12 +152,16 @@ class Search:
                 break
             terms = [*state.terms, LawTerm(self.groups[best], priors[best])]
             if relearn:
-                state = self._learn(self._exchanged(white, terms), self.problem.residual)
+                state = self._learn(self._refitted_with_rivals(white, terms), self.problem.residual)
             else:
                 state = replace(state, terms=terms)
-        return state if relearn or not state.terms else replace(state, terms=self._exchanged(white, state.terms))
+        return (
+            state
+            if relearn or not state.terms
+            else replace(state, terms=self._refitted_with_rivals(white, state.terms))
+        )
 
-    def _exchanged(self, white: Whitened, terms: list[LawTerm]) -> list[LawTerm]:
+    def _refitted_with_rivals(self, white: Whitened, terms: list[LawTerm]) -> list[LawTerm]:
         """Each term beside the others as its best prior has it, or another group in its place."""
         for _ in range(LAW_SEARCH.rounds):
             before = _which(terms)
@@ -167,7 +171,7 @@ class Search:
                 own = self.groups.index(terms[k].group)
                 best = self._simplest(gains)
                 simpler = len(self.groups[best].axes) < len(terms[k].group.axes)
-                ahead = gains[best] > gains[own] + LAW_SEARCH.exchange
+                ahead = gains[best] > gains[own] + LAW_SEARCH.rival_gain
                 choice = best if ahead or simpler else own
                 terms = [LawTerm(self.groups[choice], priors[choice]) if i == k else t for i, t in enumerate(terms)]
             if _which(terms) == before or len(terms) == 1:
@@ -202,7 +206,7 @@ class Search:
             terms = [t for i, t in enumerate(state.terms) if i != worst]
             state = self._learn(terms, self.problem.residual)
             if terms:
-                terms = self._exchanged(self._whitened(state), terms)
+                terms = self._refitted_with_rivals(self._whitened(state), terms)
                 state = self._learn(terms, self.problem.residual)
         return state
 

@@ -145,7 +145,7 @@ def _shared(white: Array, step_s: float, channels: Sequence[str]) -> NoNoise | N
             value = -2 * (part.size - 1) * float(np.log1p(-min(coherence, 1 - BAND.rounding)))
             total += value
             widest = max(widest, (value, part), key=lambda pair: pair[0])
-        # where both are loud at the same times more of it is chance
+        # where both are strong at the same times more of it is chance
         spread = max(
             1.0, float(np.mean(white[a] ** 2 * white[b] ** 2) / (np.mean(white[a] ** 2) * np.mean(white[b] ** 2)))
         )

@@ -290,7 +290,7 @@ class SearchPolicy:
     """Probability; a row less likely, predicted from the others, is not explained (over all rows). Chosen in 11b284e;
     no run is recorded."""
     better: float = 0.1
-    """Deviance by which an exchange must be better. Chosen in b616c3f; no run is recorded."""
+    """Deviance by which a rival set must be better. Chosen in b616c3f; no run is recorded."""
     going_on: float = 0.5
     """Steps by which the best set of a round must be better for the search to go on. Chosen in 11b284e; no run is
     recorded."""
