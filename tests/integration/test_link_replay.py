@@ -277,11 +277,18 @@ def test_the_command_takes_its_link_away_when_it_is_stopped(tmp_path: Path, sign
         (["raw.bin", "--to", "tcp"], "--to: 'tcp' is no target"),
         (["bus.log", "--to", "can:none9"], "none9: no such CAN interface"),
         (["raw.bin", "--to", "pty", "--link", "raw.bin"], "raw.bin: exists and is not a symbolic link"),
+        (["readings.csv", "--to", "pty"], "readings.csv: holds readings, not bytes of the wire"),
+        (["readings.csv.gz", "--to", "pty"], "readings.csv.gz: holds readings, not bytes of the wire"),
+        (["readings.parquet", "--to", "pty"], "readings.parquet: holds readings, not bytes of the wire"),
     ],
 )
 def test_the_command_refuses_wrong_input_in_one_line(tmp_path: Path, arguments: list[str], complaint: str) -> None:
     (tmp_path / "bus.log").write_text(format_candump(CanFrame(0, 1.0, 1, b""), "can0"))
     (tmp_path / "raw.bin").write_bytes(b"\x00" * 10)
+    readings = b"t_s,ax_g,ay_g,az_g\n0,0,0,1\n"
+    (tmp_path / "readings.csv").write_bytes(readings)
+    (tmp_path / "readings.csv.gz").write_bytes(gzip.compress(readings))
+    (tmp_path / "readings.parquet").write_bytes(b"PAR1" + bytes(40))
     done = subprocess.run(
         [*HIGHSIDE, "replay", *arguments], cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False
     )

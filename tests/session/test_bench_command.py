@@ -93,6 +93,34 @@ def test_a_session_of_each_plan_through_a_pty(kind: str, tmp_path: Path) -> None
     assert found["tf_error_deg"] <= 3 * found["tf_std_deg"]
 
 
+def test_a_session_that_nobody_can_command_ends(tmp_path: Path) -> None:
+    """No terminal, no page, no broker: it would wait for ever."""
+    done = subprocess.run(arguments(tmp_path), stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 2
+    (line,) = done.stderr.strip().splitlines()
+    assert line.startswith("highside: standard input: has ended") and "--web" in line
+    piped = subprocess.run(arguments(tmp_path, "--plain"), input="", capture_output=True, text=True, timeout=60)
+    assert (piped.returncode, piped.stderr) == (2, done.stderr)
+
+
+def test_the_end_of_what_was_typed_is_said_and_ends_nothing(tmp_path: Path) -> None:
+    command = arguments(tmp_path, "--plain")
+    with subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as it:
+        assert it.stdin is not None and it.stdout is not None and it.stderr is not None
+        it.stdin.write("start\n")
+        it.stdin.close()
+        try:
+            assert it.stderr.readline().startswith("the input has ended: nothing more can be typed here")
+            assert any(" 1/16 poses" in line for line in it.stdout), "the session goes on"
+            it.send_signal(signal.SIGINT)
+            assert it.stdout.read() is not None
+            assert "--resume" in it.stderr.read()
+        finally:
+            it.kill()
+
+
 def test_the_shipped_bench_takes_less_than_45_seconds(tmp_path: Path) -> None:
     start = time.monotonic()
     done = run(*arguments(tmp_path, "--auto", sets=[]))

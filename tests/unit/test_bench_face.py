@@ -72,7 +72,7 @@ def press(face: RichFace, keys: str) -> None:
 
 def test_a_key_that_puts_a_calibration_in_force_counts_when_pressed_twice() -> None:
     driver = Driver(snapshot())
-    face = RichFace(driver, "ann", listen=False)  # type: ignore[arg-type]
+    face = RichFace(driver, "ann")  # type: ignore[arg-type]
     press(face, "F")
     assert driver.commands[-1].confirm is None, "asked about first"
     press(face, "F")
@@ -87,14 +87,14 @@ def test_a_key_that_puts_a_calibration_in_force_counts_when_pressed_twice() -> N
 
 def test_nothing_to_put_in_force_is_never_confirmed() -> None:
     driver = Driver(snapshot(record=None))
-    face = RichFace(driver, "ann", listen=False)  # type: ignore[arg-type]
+    face = RichFace(driver, "ann")  # type: ignore[arg-type]
     press(face, "FF")
     assert [commands.confirm for commands in driver.commands] == [None, None]
 
 
 def test_words_name_the_record_or_the_pose() -> None:
     driver = Driver(snapshot())
-    face = PlainFace(driver, "ann", listen=False)  # type: ignore[arg-type]
+    face = PlainFace(driver, "ann")  # type: ignore[arg-type]
     asyncio.run(face.send(CommandName.ACTIVATE, RECORD[:8]))
     assert (driver.commands[-1].confirm, driver.commands[-1].pose) == (RECORD[:8], None)
     asyncio.run(face.send(CommandName.REDO, "3"))
@@ -136,7 +136,7 @@ def test_no_name_or_reason_from_elsewhere_reaches_the_terminal_as_it_is(
         )
         said = io.StringIO()
         monkeypatch.setattr("sys.stdout", said)
-        face = (PlainFace if plain else RichFace)(Once(hostile), "ann", listen=False)  # type: ignore[arg-type]
+        face = (PlainFace if plain else RichFace)(Once(hostile), "ann")  # type: ignore[arg-type]
         asyncio.run(face.run())
         text = said.getvalue()
         assert "\\x1b[2J" in text, "what was tried can be read"
@@ -152,7 +152,7 @@ def test_no_name_or_reason_from_elsewhere_reaches_the_terminal_as_it_is(
 async def _answer(text: str) -> str:
     driver = Once(snapshot())
     driver.reply = text
-    face = PlainFace(driver, "ann", listen=False)  # type: ignore[arg-type]
+    face = PlainFace(driver, "ann")  # type: ignore[arg-type]
     await face.send(CommandName.PAUSE)
     return face.answer
 

@@ -138,8 +138,11 @@ async def _run(driver: BenchDriver, *, auto: bool, web: bool, plain: bool, opera
     from highside.service.tasks import ended
 
     page = await _page(driver, operator) if web else None
-    face = PlainFace(driver, operator, listen=not auto) if plain else RichFace(driver, operator, listen=not auto)
+    face = PlainFace(driver, operator) if plain else RichFace(driver, operator)
     tasks = [asyncio.create_task(face.run())]
+    if not auto:
+        alone = page is None and driver.settings.mqtt is None
+        tasks.append(asyncio.create_task(_typed(face, alone=alone)))
     if driver.settings.mqtt is not None:
         from highside.bench.mqtt import SessionMqtt
 
@@ -168,6 +171,21 @@ async def _run(driver: BenchDriver, *, auto: bool, web: bool, plain: bool, opera
             await page.stop()
     if not running.cancelled():
         await running
+
+
+async def _typed(face: PlainFace | RichFace, *, alone: bool) -> None:
+    """What is typed at the terminal, to the end of the input. Raises InputError where nothing can command the session:
+    it would wait for ever."""
+    typed = await face.typed()
+    if not alone:
+        return
+    if not typed:
+        raise InputError(
+            "has ended, and nothing else commands this session",
+            where="standard input",
+            remedy="sit at a terminal, serve the page (--web) or name a broker ([mqtt])",
+        )
+    face.say("the input has ended: nothing more can be typed here; Ctrl-C ends the session, which is kept")
 
 
 async def _page(driver: BenchDriver, operator: str) -> BenchPage:

@@ -6,7 +6,6 @@ at the same time. The picture takes single keys, the lines take words.
 
 from __future__ import annotations
 
-import asyncio
 import contextlib
 import itertools
 import sys
@@ -46,10 +45,9 @@ BAR = 30
 class _Face(ABC):
     """What both share: sending commands."""
 
-    def __init__(self, driver: SessionDriver, operator: str, *, listen: bool) -> None:
+    def __init__(self, driver: SessionDriver, operator: str) -> None:
         self.driver = driver
         self.operator = operator
-        self.listen = listen
         self.answer = ""
         self._ids = itertools.count(1)
 
@@ -71,6 +69,14 @@ class _Face(ABC):
     def say(self, text: str) -> None:
         """Tell whoever sits here something that is no part of the session."""
 
+    @abstractmethod
+    async def run(self) -> None:
+        """Show the session until it has ended."""
+
+    @abstractmethod
+    async def typed(self) -> int:
+        """Send what is typed until the input ends; how often something was."""
+
 
 class PlainFace(_Face):
     """Lines: one when something changes, one every few seconds while nothing does; words in (`redo 3`)."""
@@ -79,19 +85,14 @@ class PlainFace(_Face):
         echo(text, err=True)
 
     async def run(self) -> None:
-        reader = asyncio.create_task(self._words()) if self.listen else None
         printed, printed_s = None, -PLAIN_EVERY_S
-        try:
-            async for newest in self.driver.subscribe(5.0):
-                snapshot = for_terminal(newest)
-                poses = tuple((row.pose, row.state, row.attempts) for row in snapshot.poses)
-                key = (snapshot.state, snapshot.target, poses, tuple(f.code for f in snapshot.faults))
-                if key != printed or snapshot.elapsed_s - printed_s >= PLAIN_EVERY_S:
-                    printed, printed_s = key, snapshot.elapsed_s
-                    self._print(snapshot)
-        finally:
-            if reader is not None:
-                reader.cancel()
+        async for newest in self.driver.subscribe(5.0):
+            snapshot = for_terminal(newest)
+            poses = tuple((row.pose, row.state, row.attempts) for row in snapshot.poses)
+            key = (snapshot.state, snapshot.target, poses, tuple(f.code for f in snapshot.faults))
+            if key != printed or snapshot.elapsed_s - printed_s >= PLAIN_EVERY_S:
+                printed, printed_s = key, snapshot.elapsed_s
+                self._print(snapshot)
 
     def _print(self, snapshot: Snapshot) -> None:
         line = describe(snapshot)
@@ -105,9 +106,11 @@ class PlainFace(_Face):
             cells = "  ".join(cell for cell in verdict_cells(row) if cell)
             echo(f"           {row.name}: {cells}  {row.verdict}")
 
-    async def _words(self) -> None:
+    async def typed(self) -> int:
+        typed = 0
         async with contextlib.aclosing(typed_lines()) as lines:
             async for line in lines:
+                typed += 1
                 if not line.strip():
                     continue
                 meant = understood(line)
@@ -117,6 +120,7 @@ class PlainFace(_Face):
                     continue
                 await self.send(*meant)
                 echo(f"> {self.answer}")
+        return typed
 
 
 class RichFace(_Face):
@@ -141,7 +145,6 @@ class RichFace(_Face):
         from rich.console import Console
         from rich.live import Live
 
-        keys = asyncio.create_task(self._keys()) if self.listen and sys.stdin.isatty() else None
         try:
             # what stands in brackets in a name is no mark-up
             console = Console(markup=False, emoji=False)
@@ -150,16 +153,17 @@ class RichFace(_Face):
                     self._draw(snapshot)
         finally:
             self._live = None
-            if keys is not None:
-                keys.cancel()
-                with contextlib.suppress(asyncio.CancelledError):
-                    await keys
 
-    async def _keys(self) -> None:
+    async def typed(self) -> int:
+        typed = 0
+        if not sys.stdin.isatty():
+            return typed
         async with contextlib.aclosing(typed_keys()) as keys:
             async for key in keys:
+                typed += 1
                 if key in KEYS:
                     await self.send(KEYS[key], self._confirmed(KEYS[key]))
+        return typed
 
     def _confirmed(self, name: CommandName) -> str | None:
         """The record meant, where a key that puts one in force is pressed for the second time."""

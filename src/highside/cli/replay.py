@@ -12,12 +12,16 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from highside.cli.say import echo, echo_json
+from highside.errors import InputError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from highside.link.replay import Played, RecordedEvent
     from highside.link.wire import CanWire, PtyWire
+
+TABLE_STARTS = (b"PAR1", b"ARROW1", b"\x89MCAP0")
+"""First bytes of Parquet, Arrow and MCAP files."""
 
 
 def replay(
@@ -34,7 +38,7 @@ def replay(
 
     The address to open is printed first. A pty waits for its reader, then plays, and ends when all has been read.
     """
-    from highside.errors import InputError, Refused
+    from highside.errors import Refused
     from highside.link.replay import Played, events
     from highside.recording.wire import WireKind, detect_kind
 
@@ -42,6 +46,8 @@ def replay(
         if not math.isfinite(value):
             raise InputError(f"{value} is no finite number", where=option, remedy="give a number such as 1.0")
     kind = detect_kind(file)
+    if kind is WireKind.RAW:
+        _refuse_readings(file)
     wire = _wire(to, link)
     if (kind is WireKind.CANDUMP) != to.startswith("can:"):
         what = "CAN frames" if kind is WireKind.CANDUMP else "bytes"
@@ -78,8 +84,28 @@ def replay(
         )
 
 
+def _refuse_readings(file: Path) -> None:
+    """A table of readings would be played as bytes that no codec finds a frame in. Raises InputError for one."""
+    import contextlib
+    import zlib
+
+    from highside.reading import open_binary
+    from highside.recording.table import RECORDING_COLUMNS
+
+    start = b""
+    # what a torn file cannot give is not there, as everywhere in wire recordings
+    with contextlib.suppress(EOFError, OSError, zlib.error), open_binary(file) as opened:
+        start = opened.read(4096)
+    columns = start.split(b"\n", 1)[0].decode("ascii", "replace").strip().split(",")
+    if start.startswith(TABLE_STARTS) or len(set(columns) & set(RECORDING_COLUMNS)) > 1:
+        raise InputError(
+            "holds readings, not bytes of the wire",
+            where=str(file),
+            remedy="give the file that `highside record` wrote; a table is read by `correct`, `diagnose` and `drift`",
+        )
+
+
 def _wire(to: str, link: Path | None) -> PtyWire | CanWire:
-    from highside.errors import InputError
     from highside.link.wire import CanWire, PtyWire
 
     if to == "pty":
