@@ -195,6 +195,40 @@ def test_what_cannot_be_watched_is_refused_in_one_line(calibration: highside.Cal
         highside.watch_recording(rows, calibration)
 
 
+@pytest.mark.parametrize("seconds", [6.0, 12.0])
+def test_a_recording_shorter_than_the_mean_of_its_rate_is_learned_from_nothing(
+    calibration: highside.Calibration, seconds: float
+) -> None:
+    """Rows in bursts: the mean of ten seconds, counted in their usual distance, is more rows than there are."""
+    t_s = np.concatenate([at + np.arange(10) / 100.0 for at in np.arange(0.0, seconds, 0.5)])
+    rows = rows_of_a_well(8, stands=1, inclinations_deg=(30.0, 30.0))
+    short = {name: column[: t_s.size] for name, column in rows.items()} | {"t_s": t_s}
+    assert t_s.size < 1000
+    assert highside.watch_recording(short, calibration).verdict == "learning"
+
+
+def test_a_poorer_tool_is_watched_with_what_it_may_do(tmp_path: Path, calibration: highside.Calibration) -> None:
+    """A step of 0.8 mg: a departure of a good tool, none of one whose offsets walk by 2 mg in an hour."""
+    rows = rows_of_a_well(3, stands=6, inclinations_deg=(5.0, 50.0), step_g=(8e-4, 0.0, 0.0), step_at=3, rate_hz=12.0)
+    Recording(rows).write(tmp_path / "run.csv")
+    calibration.save(tmp_path / "cal.json")
+    command = ["watch", str(tmp_path / "run.csv"), "--calibration", str(tmp_path / "cal.json"), "--out"]
+    good, poor = ([*command, str(tmp_path / name)] for name in ("good", "poor"))
+    assert CliRunner().invoke(app, good).exit_code == 1
+    done = CliRunner().invoke(app, [*poor, "--repeat-g", "1e-3", "--random-walk-g", "2e-3"])
+    assert done.exit_code == 0, done.output
+    stated = json.loads((tmp_path / "poor" / "watch.json").read_text())["parameters"]["b_x"]["stated_std"]
+    assert stated == pytest.approx(1e-3, rel=0.01)
+
+
+@pytest.mark.parametrize("name", ["repeat_g", "random_walk_g", "still_floor_g", "window_floor_g", "whirl_m"])
+@pytest.mark.parametrize("value", [-1e-5, 0.2, float("nan")])
+def test_what_no_tool_may_do_is_refused_by_its_name(calibration: highside.Calibration, name: str, value: float) -> None:
+    rows = rows_of_a_well(8, stands=1, inclinations_deg=(30.0, 30.0))
+    with pytest.raises(InputError, match=f"{name}: .*{value!r} is out of range"):
+        highside.watch_recording(rows, calibration, **{name: value})
+
+
 def test_an_alarm_that_no_hypothesis_explains_any_more_stays_and_no_reading_is_to_be_used() -> None:
     """After an alarm the bank may run out of hypotheses of a reasonable size: that is said, and nothing ends."""
     watch = Watch(a_prior())

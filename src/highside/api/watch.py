@@ -9,10 +9,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pydantic import ValidationError
 
 from highside.api.calibration import Calibration
 from highside.arrays import Array
 from highside.calibration.applied import corrected_accel
+from highside.config.watch import WatchSettings
 from highside.errors import InputError
 from highside.recording.calibration_store import read_record
 from highside.recording.files import write_folder
@@ -23,7 +25,7 @@ from highside.shown.card import card
 from highside.shown.panel import PlotLine, PlotPanel
 from highside.shown.plot import Plot
 from highside.version import __version__
-from highside.watch import Watch, WatchResult, prior_of_record
+from highside.watch import STATED, StatedNoise, Watch, WatchResult, prior_of_record
 from highside.watch.proposal import propose, read_outcome
 from highside.watch.rows import Rows, feed
 
@@ -90,22 +92,42 @@ class WatchedRecording:
 
 
 def watch_recording(
-    recording: File | Columns | FrameT, calibration: Calibration | File, *, gravity_g: float = 1.0
+    recording: File | Columns | FrameT,
+    calibration: Calibration | File,
+    *,
+    gravity_g: float = 1.0,
+    repeat_g: float = STATED.repeat_g,
+    random_walk_g: float = STATED.offset_random_walk,
+    still_floor_g: float = STATED.still_floor_g,
+    window_floor_g: float = STATED.window_floor_g,
+    whirl_m: float = STATED.whirl_m,
 ) -> WatchedRecording:
     """Whether a calibration holds over a recording made in the hole (or anywhere, without a reference).
 
     `recording` (a file, DataFrame, dict of arrays or Recording of N rows): `t_s` in s and raw `ax_g, ay_g, az_g`;
     with `gx_dps, gy_dps, gz_dps` rotation is used too; `temp_c`, `vibration_rms_g` and `tvd_m` (true vertical depth)
     where they are. `calibration`: the record in force. `gravity_g`: of the site at the start, in the units of the
-    readings (1 where they are in units of local g). An expired record is watched all the same. Raises InputError for a
-    recording or record that is not in order.
+    readings (1 where they are in units of local g). An expired record is watched all the same.
+
+    What the tool may do while its calibration holds, one standard deviation each, as in the table `[watch]` of the
+    service; the defaults are a good quartz tool's: `repeat_g` of an offset from the bench to the hole, `random_walk_g`
+    in g/sqrt(h) (of the elements of the matrix the same numbers), `still_floor_g` and `window_floor_g` of the mean at
+    rest and of a harmonic while it turns, `whirl_m` of the collar in m. Raises InputError for a recording, record or
+    number that is not in order.
     """
     if not abs(gravity_g - 1.0) < LARGEST_GRAVITY_ERROR:
         raise InputError(
             f"{gravity_g:g} is not gravity in g", field="gravity_g", remedy="give local gravity / 9.80665, near 1"
         )
     record = calibration.record if isinstance(calibration, Calibration) else read_record(Path(calibration))
-    prior = prior_of_record(record)
+    tool = _stated(
+        repeat_g=repeat_g,
+        random_walk_g=random_walk_g,
+        still_floor_g=still_floor_g,
+        window_floor_g=window_floor_g,
+        whirl_m=whirl_m,
+    )
+    prior = prior_of_record(record, tool)
     table = take(recording, Recording).table
     where = table.source or "recording"
     back = np.flatnonzero(np.diff(table.t_s) < 0)
@@ -127,6 +149,17 @@ def watch_recording(
     rates = np.radians(np.vstack([table.columns[name] for name in GYROS])) if has_gyros else None
     feed(watch, Rows(table.t_s, corrected, rates, temp, table.columns.get(DEPTH), _vibration(table)))
     return WatchedRecording(watch.result(), source_of(recording, table)[0], tuple(notes))
+
+
+def _stated(**given: float) -> StatedNoise:
+    """What a tool may do, within the limits that the service's settings have. Raises InputError."""
+    try:
+        return WatchSettings(**given).noise(0.0)  # type: ignore[arg-type]
+    except ValidationError as error:
+        wrong = error.errors(include_url=False)[0]
+        raise InputError(
+            f"{wrong['input']!r} is out of range", field=str(wrong["loc"][0]), remedy=wrong["msg"].lower()
+        ) from None
 
 
 def _vibration(table: Recording) -> Array | None:

@@ -46,15 +46,40 @@ def recording(
         float,
         typer.Option("--gravity-g", help="Gravity of the site in the units of the readings; 1 for units of local g."),
     ] = 1.0,
+    repeat_g: Annotated[
+        float | None,
+        typer.Option("--repeat-g", help="Repeatability of an offset from the bench to the hole, g, 1 sigma."),
+    ] = None,
+    random_walk_g: Annotated[
+        float | None, typer.Option("--random-walk-g", help="Random walk of an offset, g/sqrt(h).")
+    ] = None,
+    still_floor_g: Annotated[
+        float | None, typer.Option("--still-floor-g", help="1/f noise of the mean at rest, g, 1 sigma.")
+    ] = None,
+    window_floor_g: Annotated[
+        float | None, typer.Option("--window-floor-g", help="The same of a harmonic while the tool turns.")
+    ] = None,
+    whirl_m: Annotated[
+        float | None, typer.Option("--whirl-m", help="Sideways motion of the turning collar, m rms.")
+    ] = None,
 ) -> None:
     """Say whether a calibration still holds in the hole, without a bench and without a reference.
 
+    The last five options are what the tool may do while its calibration holds; unless given, a good quartz tool's.
     Exit status 1 where it departs.
     """
     from highside.api.watch import watch_recording
 
-    with as_options("gravity_g"):
-        made = watch_recording(file, calibration, gravity_g=gravity_g)
+    tool = {
+        "repeat_g": repeat_g,
+        "random_walk_g": random_walk_g,
+        "still_floor_g": still_floor_g,
+        "window_floor_g": window_floor_g,
+        "whirl_m": whirl_m,
+    }
+    with as_options("gravity_g", *tool):
+        given = {name: value for name, value in tool.items() if value is not None}
+        made = watch_recording(file, calibration, gravity_g=gravity_g, **given)
     show_watched(made, out)
 
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
 
 from highside.arrays import Array
 from highside.calibration.still_intervals import find_still_intervals
@@ -136,7 +137,7 @@ def turnings(rows: Rows) -> Iterator[Turning | Left]:
     step = float(np.median(np.diff(rows.t_s)))
     # stick-slip stops for a moment in the midst of a turn: judged over ten seconds
     width = max(1, round(_SMOOTH_S / step))
-    calm = np.convolve(np.abs(np.nan_to_num(rate)), np.ones(width) / width, mode="same")
+    calm = uniform_filter1d(np.abs(np.nan_to_num(rate)), width, mode="constant")
     turns = np.flatnonzero((calm > np.radians(TURNING.rate_dps)) & np.isfinite(rate))
     for piece in _pieces(rows.t_s, turns, TURNING.window_s):
         lasts = float(rows.t_s[piece[-1]] - rows.t_s[piece[0]])
