@@ -85,6 +85,10 @@ class TestNoiseWithMemory:
             covariance = np.diag(white) + shares[k] * kernel(places, lengths[k])
             assert np.allclose(turned[k] @ turned[k].T, columns @ np.linalg.solve(covariance, columns.T))
             assert noise.log_determinant[k] == pytest.approx(np.linalg.slogdet(covariance)[1])
+        began = LevelNoise.of(white, places, shares, lengths, walked=7.0)
+        earlier = np.diag(white) + shares[2] * (7.0 + kernel(places, np.inf))
+        turned = began.white(columns)[2]
+        assert np.allclose(turned @ turned.T, columns @ np.linalg.solve(earlier, columns.T))
 
     def test_three_channels_that_hang_together_are_whitened_as_one(self) -> None:
         rng = np.random.default_rng(1)

@@ -102,6 +102,22 @@ def test_what_a_filter_leaves_of_slow_colour_is_a_memory_and_no_effect(noise: st
     assert max(found.noise["memory_evidence"]) > 12.0
 
 
+@pytest.mark.parametrize(
+    ("noise", "seed"), [("walk", 6004), ("walk", 6009), ("walk", 20014), ("walk", 20021), ("coloured", 6012)]
+)
+def test_what_a_random_walk_or_chance_explains_as_well_is_no_alarm(noise: str, seed: int) -> None:
+    """Offsets and products were found beside random walks, which were taken to begin with the recording and had to be
+    beaten by names alone; and candidates and scan had an alarm of one in a hundred each."""
+    found = none_of(noise, seed)
+    assert found.verdict in {"nothing_left_out", "wander", "not_testable"}, study.short(found)
+
+
+def test_an_offset_that_exceeds_a_random_walk_is_found_beside_it() -> None:
+    motion = study.Motion(20014)
+    found = study.reported(motion, study.made("bias", motion, 1e4), "walk", 20014, laws=False)
+    assert any("bias" in (claim.effect, *claim.equivalence_class) for claim in found.claims), study.short(found)
+
+
 def departing(rows: study.Array) -> NoNoise | None:
     white = rows / rows.std(axis=1, keepdims=True)
     return no_noise(rows, white, 0.08, None, [f"c{k}" for k in range(len(rows))])

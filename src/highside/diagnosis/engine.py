@@ -329,9 +329,10 @@ def _choose(
     def needed(subsample: Sequence[Term]) -> bool:
         others = [o for o in terms if o not in subsample]
         dof = len(selector.space_with(terms)) - len(selector.space_with(others))
-        unnamed = [m for m in subsample if not problem.candidates[m.candidate].named]
-        tries = float(np.prod([selector.candidate_set.tries[m.candidate] for m in unnamed]))
-        certain = problem.policy.certain + (PROCEDURE.station_certain if unnamed else 0.0)
+        stations = [m for m in subsample if problem.candidates[m.candidate].id.startswith(INCLINATION_STATION)]
+        searched = subsample if problem.policy.products_beside_memory else stations
+        tries = float(np.prod([selector.candidate_set.tries[m.candidate] for m in searched]))
+        certain = problem.policy.certain + (PROCEDURE.station_certain if stations else 0.0)
         return beats_random_walk(channels, problem.block(others), problem.block(subsample), dof, tries, certain)
 
     for _ in range(PROCEDURE.doubts):
@@ -341,6 +342,7 @@ def _choose(
             if (
                 problem.candidates[m.candidate].named
                 or problem.candidates[m.candidate].id.startswith(INCLINATION_STATION)
+                or problem.policy.products_beside_memory
             )
             and problem.candidates[m.candidate].id not in problem.slow_ids
         ]

@@ -126,9 +126,15 @@ def ranking(candidate_set: CandidateSet, space: Array, residual: Array, freedom:
 
 
 def threshold(
-    score_test: ScoreTest, owner: NDArray[np.intp], chance: Array, space: Array, freedom: Array | float
+    score_test: ScoreTest,
+    owner: NDArray[np.intp],
+    chance: Array,
+    space: Array,
+    freedom: Array | float,
+    rate: float = CANDIDATE_SET.alarm_rate,
 ) -> float:
-    """-log10 p that the family exceeds by chance in 1 % of sessions; `chance` (B, N) are residuals of nothing.
+    """-log10 p that the family exceeds by chance in a share of sessions, `rate`; `chance` (B, N) are residuals of
+    nothing.
 
     `freedom` is one for all, or one for each variant.
     """
@@ -143,8 +149,8 @@ def threshold(
             tries = float(own.sum())
             worst = np.maximum(worst, log10_p(gains[same].max(axis=0), np.array(k), float(each[same].min()), tries))
     return max(
-        float(np.quantile(worst, 1 - CANDIDATE_SET.alarm_rate)),
-        float(-np.log10(CANDIDATE_SET.alarm_rate / families.size)),
+        float(np.quantile(worst, 1 - rate)),
+        float(-np.log10(rate / families.size)),
     )
 
 

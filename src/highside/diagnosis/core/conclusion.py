@@ -43,6 +43,9 @@ def _scan(problem: Problem[N], selection: SelectionState[N], terms: Sequence[Ter
     residual = outside(space, selection.selector.residual)
     gains, dof = selection.scan.score_test.run(space, residual[None])
     log_p = log10_p(gains[:, 0], dof, selection.scan.freedom)
+    for k in np.flatnonzero(log_p > selection.scan_threshold):
+        if not problem.beyond_memory(selection, terms, int(k), int(dof[k])):
+            log_p[k] = selection.scan_threshold
     most_significant = int(np.argmax(log_p))
     over = np.maximum(gains[:, 0] - dof, 0.0)
     # the cells of one basis stand together, channel by channel

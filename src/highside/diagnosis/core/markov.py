@@ -26,17 +26,18 @@ class LevelNoise:
     decay: Array
 
     @classmethod
-    def of(cls, white: Array, steps: Array, shares: Array, lengths: Array) -> LevelNoise:
+    def of(cls, white: Array, steps: Array, shares: Array, lengths: Array, walked: float = 0.0) -> LevelNoise:
         """`white` (n,) variances of the white part, `steps` (n,) rising places of the readings; `shares` and `lengths`
         (S,): the variance of the level (a random walk's for each unit of `steps`, a forgetful level's at any time) and
-        its length (infinite: a random walk, 0 at the first place)."""
+        its length (infinite: a random walk, that was 0 so many units of `steps` before the first place as `walked`
+        says)."""
         settings, n = shares.size, white.size
         random_walk = np.isinf(lengths)
         apart = np.diff(steps, prepend=steps[:1])
         decay = np.where(random_walk[:, None], 1.0, np.exp(-apart[None] / np.where(random_walk, 1.0, lengths)[:, None]))
         drive = np.where(random_walk[:, None], shares[:, None] * apart, shares[:, None] * (1 - decay**2))
         variance, gain = np.empty((settings, n)), np.empty((settings, n))
-        level = np.where(random_walk, 0.0, shares)
+        level = np.where(random_walk, shares * walked, shares)
         for t in range(n):
             if t:
                 level = decay[:, t] ** 2 * level + drive[:, t]

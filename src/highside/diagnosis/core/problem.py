@@ -157,6 +157,11 @@ class Problem(ABC, Generic[N]):
         """What base and terms leave beside how well the readings repeat; None where that is not known."""
         return None
 
+    def beyond_memory(self, selection: SelectionState[N], terms: Sequence[Term], cell: int, dof: int) -> bool:
+        """Whether a cell of the scan, of `dof` directions beside the terms, is more than a noise with memory explains:
+        asked where noise is learned from what is left."""
+        return True
+
     def holds_up(self, term: Term) -> bool:
         """Whether a slow effect predicts stretches that were held out: tested where a transient could be named."""
         return True

@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from highside.diagnosis.core.finding_policy import FLOOR
-from highside.diagnosis.core.policy import MEMORY, SELECTION
+from highside.diagnosis.core.policy import CANDIDATE_SET, MEMORY, SELECTION
 from highside.physics.effects import all_effects
 
 
@@ -67,6 +67,12 @@ class ProblemPolicy:
     in 21ed34d; no run is recorded."""
     certain: float = MEMORY.slow_log_p
     """-log10 p from which an effect beats a noise with memory. Source: that of `MemoryPolicy.slow_log_p`."""
+    products_beside_memory: bool = False
+    """Whether a product without a name must beat a noise with memory as well, and all forms count that were tried of
+    what is claimed. Source: as `SIMULATION`."""
+    alarm_rate: float = CANDIDATE_SET.alarm_rate
+    """Share of sessions without a mismatch in which the candidates, and the scan, may each raise an alarm. Source: that
+    of `CandidateSetPolicy.alarm_rate`."""
     slow: SlowLimits = field(default_factory=SlowLimits)
     """What a slow effect must show beside a random walk. Source: that of `SlowLimits`."""
     floor_ratio: float = FLOOR.ratio

@@ -200,10 +200,10 @@ class RandomWalkGrams:
 
     def mean_variance(self, memory: Memory) -> float:
         """Variance of the mean of a level over all rows, the largest of a memory that the data allow, in units of the
-        white variance of a row: a third of what a random walk gathers; of a level that forgets, two lengths are one
-        value."""
+        white variance of a row: what a random walk gathers before (`_level_noise`) and a third of what it does in them;
+        of a level that forgets, two lengths are one value."""
         if np.isinf(memory.length):
-            return memory.upper * self.rows / 3
+            return memory.upper * self.rows * (1 + 1 / 3)
         return memory.upper / self.rows_per_block * min(1.0, 2 * memory.length * self.rows_per_block / self.rows)
 
     def under(self, memory: Memory) -> Array:
@@ -431,9 +431,14 @@ def _remembered(gram: Gram, picked: Ints, memory: Memory, part: Ints, count: int
 
 
 def _level_noise(counts: Array, steps: Array, memories: Sequence[tuple[float, float]]) -> LevelNoise:
-    """The noise of the means of blocks (B,) of so many rows, under each (length, share) of `MEMORIES`."""
+    """The noise of the means of blocks (B,) of so many rows, under each (length, share) of `MEMORIES`.
+
+    A random walk did not begin with the recording: it is taken to have gone on for as long before. Then what is
+    constant, an offset or the mean of any column, must exceed what such a walk has gathered.
+    """
     lengths, shares = np.array(memories).T
     typical = float(np.median(counts))
     forgets = np.isfinite(lengths)
     shares = np.where(forgets, shares / typical, shares)
-    return LevelNoise.of(1 / counts, steps - steps[0], shares, np.where(forgets, lengths * typical, np.inf))
+    lengths = np.where(forgets, lengths * typical, np.inf)
+    return LevelNoise.of(1 / counts, steps - steps[0], shares, lengths, walked=float(steps[-1] - steps[0]))

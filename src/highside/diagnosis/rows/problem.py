@@ -159,9 +159,10 @@ class RowsProblem(Problem[RotationNoise]):
         if not self.method.colour:
             # nothing is remembered: chance is what the F test says
             chance = np.zeros_like(chance)
+        rate = self.policy.alarm_rate
         return (
-            threshold(candidate_set.score_test, candidate_set.owner, chance, base, freedom),
-            threshold(scan.score_test, np.arange(scan.freedom.size), chance, base, scan.freedom),
+            threshold(candidate_set.score_test, candidate_set.owner, chance, base, freedom, rate),
+            threshold(scan.score_test, np.arange(scan.freedom.size), chance, base, scan.freedom, rate),
         )
 
     def likelihoods(self, terms: Sequence[Term]) -> list[Channel]:

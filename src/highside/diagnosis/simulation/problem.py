@@ -14,7 +14,7 @@ from highside.arrays import Array
 from highside.diagnosis.core.candidate_set import Term
 from highside.diagnosis.core.fit import JointFit
 from highside.diagnosis.core.held_out import gain_interval
-from highside.diagnosis.core.memory import SlowEffect
+from highside.diagnosis.core.memory import SlowEffect, beats_random_walk
 from highside.diagnosis.core.policy import INTERVALS
 from highside.diagnosis.core.probability import student_quantile
 from highside.diagnosis.core.problem import ReportData, SelectionState
@@ -159,6 +159,13 @@ class SimulationProblem(RowsProblem):
         self, selection: SelectionState[RotationNoise], terms: list[Term]
     ) -> tuple[list[Term], dict[str, Stability]]:
         return steady_terms(self, selection, terms)
+
+    def beyond_memory(
+        self, selection: SelectionState[RotationNoise], terms: Sequence[Term], cell: int, dof: int
+    ) -> bool:
+        # the memory that was found is the best beside the claims, not the best that could stand in the cell's place
+        own = self.design.where[self.design.cells[cell]]
+        return beats_random_walk(self.likelihoods([]), self.block(terms), own, dof, certain=selection.scan_threshold)
 
     def believed(self, selection: SelectionState[RotationNoise], terms: list[Term]) -> list[Term]:
         selector = selection.selector
