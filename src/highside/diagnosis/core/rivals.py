@@ -177,7 +177,7 @@ def next_poses(
     white_per_g: Array,
     count: int = RIVALS.next_poses,
 ) -> PoseAdvice:
-    """Poses, chosen one by one, that raise most the smallest evidence of the claim against any rival.
+    """Poses, chosen one by one and each once, that raise most the smallest evidence of the claim against any rival.
 
     `claim` is the candidate, its shape and the fitted amplitudes; `base` (P, 3, n) and `white_per_g` (3,) (1 / noise of
     a channel) describe what has been measured. Time, temperature and vibration stay as they were at the end.
@@ -203,10 +203,20 @@ def next_poses(
     grams = [gram for gram, _ in pairs]
     before = min(beyond(gram[None])[0] for gram in grams)
     chosen: list[int] = []
+    taken = np.zeros(new.n, dtype=bool)
     for _ in range(count):
         worst = np.min([beyond(gram[None] + new) for gram, (_, new) in zip(grams, pairs, strict=True)], axis=0)
+        worst[taken] = -np.inf
         best = int(np.argmax(worst))
         chosen.append(best)
+        taken[best] = True
+        if offered[0, best] in (0.0, 180.0):
+            # upright a turn may change nothing that is read: that is the same pose once more
+            largest = [REGRESSION.independent * np.abs(new[best]).max() for _, new in pairs]
+            alike = [
+                np.all(np.abs(new - new[best]) <= x, axis=(1, 2)) for x, (_, new) in zip(largest, pairs, strict=True)
+            ]
+            taken |= np.all(alike, axis=0) & np.all(offered[::2] == offered[::2, [best]], axis=0)
         grams = [gram + new[best] for gram, (_, new) in zip(grams, pairs, strict=True)]
     after = min(beyond(gram[None])[0] for gram in grams)
     poses = tuple((float(inc), float(tf), int(direction)) for inc, tf, direction in offered[:, chosen].T)
@@ -221,9 +231,10 @@ def _offered(state: ChainState) -> tuple[Array, ChainState]:
         for t in np.arange(0, 360, RIVALS.toolfaces_deg)
         for d in (1, -1)
     ]
-    inc, tf, direction = (np.array(column, dtype=float) for column in zip(*grid, strict=True))
     if not np.ptp(state.direction):
-        direction = np.full(direction.size, float(state.direction[0]))
+        # a session that came from one side goes on so
+        grid = [(i, t, int(state.direction[0])) for i, t, d in grid if d > 0]
+    inc, tf, direction = (np.array(column, dtype=float) for column in zip(*grid, strict=True))
     return np.stack([inc, tf, direction]), ChainState.build(
         np.radians(inc),
         np.radians(tf),
