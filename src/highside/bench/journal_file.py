@@ -152,14 +152,21 @@ class FoundJournal:
 
 def sessions(directory: Path, tool_id: str, is_stored: Callable[[str], bool]) -> Iterator[FoundJournal]:
     """The sessions of a tool, the newest first, each read on request."""
+    for path in journals(directory, tool_id):
+        yield found_journal(path, is_stored)
+
+
+def journals(directory: Path, tool_id: str | None = None) -> list[Path]:
+    """The journals of a tool, or of all, those written last first; none where there is no such directory."""
     if not directory.is_dir():
-        return
-    paths = [path for path in directory.glob(f"*{SUFFIX}") if (m := _NAME.match(path.name)) and m["tool"] == tool_id]
-    for path in sorted(paths, key=lambda p: (p.stat().st_mtime_ns, p.name), reverse=True):
-        yield _found(path, is_stored)
+        return []
+    named = [(path, _NAME.match(path.name)) for path in directory.glob(f"*{SUFFIX}")]
+    paths = [path for path, m in named if m and tool_id in (None, m["tool"])]
+    return sorted(paths, key=lambda p: (p.stat().st_mtime_ns, p.name), reverse=True)
 
 
-def _found(path: Path, is_stored: Callable[[str], bool]) -> FoundJournal:
+def found_journal(path: Path, is_stored: Callable[[str], bool]) -> FoundJournal:
+    """How the session of a journal stands; `is_stored` says of a record's id whether it is kept."""
     try:
         journal = read_journal(read_bytes(path), where=str(path))
     except InputError:

@@ -20,15 +20,23 @@ def serve(
         Path | None,
         typer.Option("--config", help="TOML file with [mqtt] and [web]; without one: the broker on this machine."),
     ] = None,
+    records: Annotated[
+        Path | None, typer.Option("--records", help="Calibration store (a directory) to show: [records] store.")
+    ] = None,
+    sessions: Annotated[
+        Path | None, typer.Option("--sessions", help="Directory of bench sessions to show: [records] sessions.")
+    ] = None,
     overrides: SetOption = None,
 ) -> None:
-    """Show every tool at a broker in a browser: attitude, alarms, parts, surveys, log. Nothing can be commanded."""
+    """Show every tool at a broker in a browser: attitude, alarms, parts, surveys, log; and, where they are named, the
+    calibrations of a store and the sessions of a bench. Nothing can be commanded."""
     from highside.config.serve import load_serve
     from highside.service.broker_client import check_secrets
     from highside.service.logs import start_logging
 
-    settings = load_serve(config, overrides)
+    settings = load_serve(config, overrides, records=records, sessions=sessions)
     check_secrets(settings.mqtt)
+    settings.records.check()
     start_logging("warning")
     try:
         from highside.web.tools.server import ToolsPage

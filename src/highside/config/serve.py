@@ -1,7 +1,7 @@
 """The configuration of the tools' page: `highside serve --config FILE`, all of it optional.
 
-`[mqtt]`: the broker and the prefix of the topics, as for the service; `[web]`: where the page is served. Errors name
-the field and what is allowed.
+`[mqtt]`: the broker and the prefix of the topics, as for the service; `[web]`: where the page is served; `[records]`:
+which calibrations and bench sessions are shown. Errors name the field and what is allowed.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from highside.config.mistakes import input_error
 from highside.config.mqtt import MqttSettings
 from highside.config.settings import anchor_paths, parse_overrides
 from highside.config.web import WebTable
+from highside.errors import InputError
 from highside.reading import read_toml
 from highside.reading.config_table import ConfigTable
 
@@ -26,8 +27,28 @@ PATHS = (
     ("web", "token_file"),
     ("web", "tls", "certificate"),
     ("web", "tls", "key"),
+    ("records", "store"),
+    ("records", "sessions"),
 )
 """Fields that name files; relative ones start at the directory of the configuration."""
+
+
+class RecordsTable(ConfigTable):
+    """What is kept, for whoever looks; nothing is written there. Relative names start at the directory of the file."""
+
+    store: Path | None = Field(default=None, description="A calibration store; absent: no such pages.")
+    sessions: Path | None = Field(default=None, description="The journals of bench sessions; absent: no such pages.")
+
+    def check(self) -> None:
+        """Raises InputError for a directory that is not there."""
+        for name, path in (("store", self.store), ("sessions", self.sessions)):
+            if path is not None and not path.is_dir():
+                raise InputError(
+                    "no such directory",
+                    where=str(path),
+                    field=f"records.{name}",
+                    remedy="give the directory of `[store]` in the bench's file",
+                )
 
 
 class ServeFile(ConfigTable):
@@ -35,17 +56,28 @@ class ServeFile(ConfigTable):
 
     mqtt: MqttSettings = MqttSettings()
     web: WebTable = Field(default=WebTable(port=8766))
+    records: RecordsTable = RecordsTable()
 
 
-def load_serve(path: Path | None, overrides: list[str] | None = None) -> ServeFile:
-    """Read and validate the file, or the defaults where there is none; `overrides` are `key.path=value`.
+def load_serve(
+    path: Path | None,
+    overrides: list[str] | None = None,
+    *,
+    records: Path | None = None,
+    sessions: Path | None = None,
+) -> ServeFile:
+    """Read and validate the file, or the defaults where there is none; `overrides` are `key.path=value`, `records` and
+    `sessions` take the place of `[records]` store and sessions.
 
     Raises InputError in one line.
     """
     tables = {} if path is None else read_toml(path)
     if path is not None:
         anchor_paths(tables, path.resolve().parent, PATHS)
-    tables.setdefault("web", {}).setdefault("port", 8766)
+    tables = merged({"web": {"port": 8766}}, tables)
+    named = {name: str(value) for name, value in (("store", records), ("sessions", sessions)) if value is not None}
+    if named:
+        tables = merged(tables, {"records": named})
     given = parse_overrides(overrides or [])
     try:
         return ServeFile.model_validate(merged(tables, given))

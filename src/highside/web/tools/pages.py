@@ -15,6 +15,7 @@ from nicegui import Client, ui
 
 from highside.config.mqtt import MqttSettings
 from highside.web.host import CONNECT_WITHIN_S, is_drawn, is_there
+from highside.web.navigation import Link
 from highside.web.tools.drawings import orientation, trend
 from highside.web.tools.state import History, Tools, ToolState
 from highside.web.tools.views import Broker, ToolPage, list_page, tool_page
@@ -35,9 +36,10 @@ LENGTH, RADIUS = 3.0, 0.28
 class Shown:
     """What the pages show at present, made anew when something was heard, or when a second has passed."""
 
-    def __init__(self, tools: Tools, listener: Listener, settings: MqttSettings) -> None:
+    def __init__(self, tools: Tools, listener: Listener, settings: MqttSettings, links: tuple[Link, ...] = ()) -> None:
         self.tools = tools
         self._listener = listener
+        self._links = links
         self._where = f"{settings.host}:{settings.port}"
         self._list: tuple[object, str] = (None, "")
         self._pages: dict[str, tuple[object, ToolPage]] = {}
@@ -53,7 +55,7 @@ class Shown:
         heard = sum(tool.version for tool in self.tools.tools.values())
         key = (int(now), broker.connected, broker.reason, len(self.tools.tools), heard)
         if self._list[0] != key:
-            self._list = (key, list_page(self.tools, broker, now))
+            self._list = (key, list_page(self.tools, broker, now, self._links))
         return self._list[1]
 
     def page(self, tool: ToolState, now: float) -> ToolPage:

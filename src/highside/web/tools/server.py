@@ -4,6 +4,8 @@
     GET  /tool/ID         one tool, live
     GET  /api/tools       the same as the start page (JSON), for programs
 
+and the pages of what is kept (`web.records.routes`), where [records] names it.
+
 Nothing can be commanded here. Whoever reaches the address may look: it listens on this machine alone unless
 `[web] host` says otherwise.
 """
@@ -23,6 +25,7 @@ from nicegui import background_tasks, ui
 from highside.config.serve import ServeFile
 from highside.service.tasks import ended
 from highside.web.host import PageHost, notice
+from highside.web.records.routes import RecordPages, links
 from highside.web.tools.listener import Listener
 from highside.web.tools.pages import ListView, Shown, ToolView, follow
 from highside.web.tools.state import Tools, ToolState
@@ -38,7 +41,7 @@ class ToolsPage:
         self._settings = settings
         self._tools = Tools(settings.mqtt.prefix)
         self._listener = Listener(settings.mqtt, self._tools)
-        self._shown = Shown(self._tools, self._listener, settings.mqtt)
+        self._shown = Shown(self._tools, self._listener, settings.mqtt, links(settings.records))
         self._host = PageHost(settings.web, is_page=_is_page, instead=self._unknown)
         self._listening: asyncio.Task[None] | None = None
 
@@ -51,6 +54,7 @@ class ToolsPage:
         """Listen to the broker and serve. Raises InputError where the address cannot be had, or [web.tls] not be
         used; a broker that is away is no error, the page says so."""
         self._host.app.get("/api/tools")(self._api)
+        RecordPages(self._settings.records).serve(self._host.app)
         ui.page("/", title="highside", language="en-US", dark=None)(self._list)
         ui.page("/tool/{tool}", title="highside", language="en-US", dark=None)(self._tool)
         await self._host.start()

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import datetime as dt
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -15,6 +16,7 @@ from jinja2 import Environment
 
 from highside.service.alarms import ALARMS
 from highside.shown.card import templates
+from highside.web.navigation import Link
 from highside.web.tools.drawings import dial
 from highside.web.tools.state import (
     PARAMETERS_MAX,
@@ -91,8 +93,8 @@ class ToolPage:
     watch: str
 
 
-def list_page(tools: Tools, broker: Broker, now: float) -> str:
-    """The start page: every tool in a row, those that need attention first."""
+def list_page(tools: Tools, broker: Broker, now: float, links: Sequence[Link] = ()) -> str:
+    """The start page: every tool in a row, those that need attention first; `links` to the other pages."""
     rows = [_list_row(tool, now) for tool in tools.in_order(now)]
     count = sum(row["attention"] for row in rows)
     if not rows:
@@ -101,7 +103,7 @@ def list_page(tools: Tools, broker: Broker, now: float) -> str:
         said = f"{_tools(len(rows))}, nothing needs attention."
     else:
         said = f"{count} of {_tools(len(rows))} need{'s' if count == 1 else ''} attention."
-    return _render("list.html", rows=rows, said=said, broker=broker, refused=tools.refused)
+    return _render("list.html", rows=rows, said=said, broker=broker, refused=tools.refused, links=links)
 
 
 def tool_page(tool: ToolState, broker: Broker, now: float) -> ToolPage:

@@ -1,0 +1,198 @@
+"""Answers requests for what is kept.
+
+    GET  /calibrations[?first=N]                     records of the store, those in force marked
+    GET  /calibrations/ID, /calibrations/ID.json     one of them: as a page, as the file
+    GET  /calibrations/compare?before=ID&after=ID    what the second changes
+    GET  /sessions[?first=N]                         bench sessions
+    GET  /sessions/NAME, /sessions/NAME/report       one of them: its state, its report
+
+Nothing is kept of a viewer and nothing is written. The work is done in a thread, one request at a time, and only so
+many may wait: whoever asks faster is told to come back.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import re
+import time
+from collections import OrderedDict
+from collections.abc import Callable
+from pathlib import Path
+
+from fastapi import FastAPI, Request, Response
+from fastapi.responses import HTMLResponse
+
+from highside.calibration.change import change
+from highside.config.serve import RecordsTable
+from highside.errors import HighsideError, InputError
+from highside.recording.calibration_store import Activation
+from highside.service.quiet_log import QuietLog
+from highside.web.navigation import Link
+from highside.web.records.shelf import CalibrationShelf, SessionShelf, file_state, told
+from highside.web.records.views import Pages, Views
+
+log = logging.getLogger("highside")
+
+COUNT = 50
+"""Lines of one page of a list."""
+WAITING_MAX = 20
+"""Requests that wait for their turn; a page takes some 10 ms, a report seconds."""
+REPORTS_KEPT = 4
+"""Reports in the memory, some 0.5 MB each."""
+_POLICY = (
+    "default-src 'none'; style-src 'self'; img-src 'self' data:; form-action 'self'; frame-ancestors 'none';"
+    " base-uri 'none'"
+)
+_HEADERS = {"Content-Security-Policy": _POLICY, "Cache-Control": "no-store"}
+_ID = re.compile(r"[0-9a-f]{64}")
+_FOLDER = Path(__file__).parent
+_STYLE = "".join(
+    (folder).read_text(encoding="utf-8") for folder in (_FOLDER.parent / "tools" / "tools.css", _FOLDER / "records.css")
+)
+
+
+def links(settings: RecordsTable) -> tuple[Link, ...]:
+    """The navigation; empty where there are no pages but those of tools."""
+    found = [Link("/calibrations", "Calibrations")] if settings.store is not None else []
+    found += [Link("/sessions", "Bench sessions")] if settings.sessions is not None else []
+    return (Link("/", "Tools"), *found) if found else ()
+
+
+class RecordPages:
+    """The pages of one store and one directory of journals. `serve` adds them to an application."""
+
+    def __init__(self, settings: RecordsTable) -> None:
+        self._calibrations = None if settings.store is None else CalibrationShelf(settings.store)
+        self._sessions = None if settings.sessions is None else SessionShelf(settings.sessions, self._calibrations)
+        self._views = Views(links(settings))
+        self._quiet = QuietLog(log)
+        self._turn = asyncio.Lock()
+        self._waiting = 0
+        self._reports: OrderedDict[tuple[Path, object], str] = OrderedDict()
+
+    def serve(self, app: FastAPI) -> None:
+        """Add the routes of what there is."""
+        if self._calibrations is not None:
+            shelf = self._calibrations
+
+            @app.get("/calibrations")
+            async def calibrations(request: Request) -> Response:
+                return await self._answer(lambda: self._list(shelf, _first(request)))
+
+            @app.get("/calibrations/compare")
+            async def comparison(request: Request) -> Response:
+                before, after = (request.query_params.get(name, "") for name in ("before", "after"))
+                return await self._answer(lambda: self._compare(shelf, before, after))
+
+            @app.get("/calibrations/{name}")
+            async def calibration(name: str) -> Response:
+                if name.endswith(".json"):
+                    return await self._answer(lambda: _file(shelf, name.removesuffix(".json")))
+                return await self._answer(lambda: self._record(shelf, name))
+
+        if self._sessions is not None:
+            journals = self._sessions
+
+            @app.get("/sessions")
+            async def sessions(request: Request) -> Response:
+                return await self._answer(lambda: self._session_list(journals, _first(request)))
+
+            @app.get("/sessions/{name}")
+            async def session(name: str) -> Response:
+                return await self._answer(lambda: self._page(self._views.session(*journals.session(name))))
+
+            @app.get("/sessions/{name}/report")
+            async def report(name: str) -> Response:
+                return await self._answer(lambda: self._report(journals, name))
+
+        if self._calibrations is not None or self._sessions is not None:
+
+            @app.get("/style.css")
+            async def style() -> Response:
+                return Response(_STYLE, media_type="text/css", headers={"Cache-Control": "max-age=3600"})
+
+    async def _answer(self, make: Callable[[], Response]) -> Response:
+        if self._waiting >= WAITING_MAX:
+            page = self._views.trouble("Too many requests at once.", "Come back in a few seconds.")
+            return HTMLResponse(page, 503, {**_HEADERS, "Retry-After": "5"})
+        self._waiting += 1
+        try:
+            async with self._turn:
+                return await asyncio.to_thread(make)
+        except HighsideError as error:
+            return HTMLResponse(self._views.trouble("That cannot be shown.", self._told(error)), 404, _HEADERS)
+        except Exception as error:  # a defect of ours is one line of the log and one sentence to its reader
+            self._quiet.say(logging.ERROR, "defect", "records page: a page failed (%r)", error)
+            page = self._views.trouble("That cannot be shown.", "It is a defect of highside; the log has a line of it.")
+            return HTMLResponse(page, 500, _HEADERS)
+        finally:
+            self._waiting -= 1
+
+    def _told(self, error: HighsideError) -> str:
+        place = None if self._calibrations is None else self._calibrations.directory
+        return told(error, place)
+
+    def _page(self, html: str) -> Response:
+        return HTMLResponse(html, headers=_HEADERS)
+
+    def _list(self, shelf: CalibrationShelf, first: int) -> Response:
+        listed = shelf.listed(first, COUNT)
+        in_force, trouble = {}, None
+        try:
+            in_force = shelf.in_force()
+        except HighsideError as error:
+            trouble = f"What is in force is not known: {told(error, shelf.directory)}"
+        pages = Pages("/calibrations", first, COUNT, listed.total)
+        return self._page(self._views.calibrations(listed, pages, in_force, time.time(), trouble))
+
+    def _record(self, shelf: CalibrationShelf, name: str) -> Response:
+        record = shelf.record(_id(name))
+        history: list[Activation] = []
+        trouble = None
+        try:
+            history = shelf.history(record.tool_id)
+        except HighsideError as error:
+            trouble = f"What is in force is not known: {told(error, shelf.directory)}"
+        return self._page(self._views.calibration(record, history, time.time(), trouble))
+
+    def _compare(self, shelf: CalibrationShelf, before: str, after: str) -> Response:
+        one, other = shelf.record(_id(before)), shelf.record(_id(after))
+        return self._page(self._views.comparison(one, other, change(one, other)))
+
+    def _session_list(self, journals: SessionShelf, first: int) -> Response:
+        found, total = journals.listed(first, COUNT)
+        return self._page(self._views.sessions(found, Pages("/sessions", first, COUNT, total)))
+
+    def _report(self, journals: SessionShelf, name: str) -> Response:
+        found, journal = journals.session(name)
+        if journal is None or found.state == "in use":
+            raise InputError("there is no report of a session that is being measured, or whose journal is damaged")
+        key = (found.path, file_state(found.path))
+        if key not in self._reports:
+            # a slow import that lists do not need
+            from highside.report.session_page import session_page
+
+            self._reports[key] = session_page(journal)
+            while len(self._reports) > REPORTS_KEPT:
+                self._reports.popitem(last=False)
+        # a document of its own with its own styles: the policy of all pages holds
+        return HTMLResponse(self._reports[key], headers={"Cache-Control": "no-store"})
+
+
+def _file(shelf: CalibrationShelf, name: str) -> Response:
+    record = shelf.record(_id(name))
+    shown = {"Content-Disposition": f'attachment; filename="{record.id[:12]}.json"'}
+    return Response(record.to_json(), media_type="application/json", headers={**_HEADERS, **shown})
+
+
+def _id(name: str) -> str:
+    if _ID.fullmatch(name) is None:
+        raise InputError("a calibration is named by the 64 digits of its id")
+    return name
+
+
+def _first(request: Request) -> int:
+    """Which line a list begins with; the beginning for what is no such number."""
+    given = request.query_params.get("first", "0")
+    return int(given) if given.isascii() and given.isdigit() and len(given) < 8 else 0
