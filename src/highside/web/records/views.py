@@ -56,7 +56,7 @@ class Views:
 
     def __init__(self, links: Sequence[Link]) -> None:
         self._links = tuple(links)
-        self._templates = templates("highside.web.records")
+        self._templates = templates("highside.web")
 
     def calibrations(
         self, listed: Listed, pages: Pages, in_force: dict[str, str], now_s: float, trouble: str | None = None
@@ -151,7 +151,7 @@ class Views:
         return self._page("trouble.html", "", said=said, text=text)
 
     def _page(self, template: str, here: str, **values: object) -> str:
-        return self._templates.get_template(template).render(links=self._links, here=here, **values)
+        return self._templates.get_template(f"plain/{template}").render(links=self._links, here=here, **values)
 
 
 def standing(history: Sequence[Activation]) -> str | None:
