@@ -31,21 +31,32 @@ KT_STD = 1e-6
 
 @dataclass(frozen=True)
 class Conditions:
-    """Of a well beyond what the tool's class states: factors of noise and walk, 1/f noise, whirl."""
+    """Of a well beyond what the tool's class states: factors of noise, walk and whirl; the largest vibration, g rms."""
 
     noise: float = 1.0
     walk: float = 1.0
     whirl: float = 1.0
     hours: float = 100.0
+    vibration_g: float = 0.0
 
 
 @dataclass(frozen=True)
 class Departure:
-    """A step of `name` by `size` at `at_s`."""
+    """A step of `name` by `size` at `at_s`; of `drift_x` and its like a growth of the offset by `size` in an hour from
+    then on, of `noise` a growth of all noise by `size` times the stated in an hour, of `noise_step` by that at once."""
 
     name: str
     size: float
     at_s: float
+
+    @property
+    def places(self) -> list[int]:
+        """Of the state that it moves."""
+        if self.name.startswith("noise"):
+            return []
+        if self.name == "S_all":
+            return [INDEX[f"S_{i}{i}"] for i in "xyz"]
+        return [INDEX[self.name.replace("drift", "b")]]
 
 
 def inclination_deg(kind: str, share: float) -> float:
@@ -54,7 +65,7 @@ def inclination_deg(kind: str, share: float) -> float:
         return float(np.clip((share - 0.1) / 0.8, 0.0, 1.0) * 90.0)
     if kind == "S":
         return float(45.0 * np.sin(np.pi * np.clip((share - 0.1) / 0.8, 0.0, 1.0)))
-    return {"vertical": 0.5, "45": 45.0, "88": 88.0}[kind] + 0.4 * np.sin(40.0 * share)
+    return {"vertical": 0.5, "45": 45.0, "88": 88.0}[kind] + 0.4 * float(np.sin(40.0 * share))
 
 
 def stated_prior(noise: StatedNoise = STATED) -> Prior:
@@ -72,22 +83,31 @@ class Well:
         self.truth = rng.standard_normal(SIZE) * np.sqrt(np.diag(own.covariance))
         self.truth[INDEX["growth"]] = 0.0
         self.per_km = 1.05e-4 + 2.4e-5 * rng.uniform(-1.5, 1.5)
-        self.density = 3e-5 * conditions.noise
         self.t_s, self.walked_s = 0.0, 0.0
         self.stepped = False
 
     def _advance(self, t_s: float) -> None:
-        hours = (t_s - self.walked_s) / 3600.0
+        before_s, hours = self.walked_s, (t_s - self.walked_s) / 3600.0
         step = 5e-6 * self.conditions.walk * np.sqrt(hours)
         self.truth[:12] += step * self.rng.standard_normal(12)
         self.walked_s = t_s
         what = self.departure
-        if what is not None and not self.stepped and t_s >= what.at_s:
-            if what.name == "S_all":
-                self.truth[[INDEX[f"S_{i}{i}"] for i in "xyz"]] += what.size
-            else:
-                self.truth[INDEX[what.name]] += what.size
-            self.stepped = True
+        if what is None or t_s < what.at_s:
+            return
+        if what.name.startswith("drift"):
+            self.truth[what.places] += what.size * (t_s - max(before_s, what.at_s)) / 3600.0
+        elif not self.stepped:
+            self.truth[what.places] += what.size
+        self.stepped = True
+
+    @property
+    def noise(self) -> float:
+        """Of the stated one, now."""
+        what = self.departure
+        if what is None or not what.name.startswith("noise") or self.t_s < what.at_s:
+            return self.conditions.noise
+        lasted = 1.0 if what.name == "noise_step" else (self.t_s - what.at_s) / 3600.0
+        return self.conditions.noise * (1.0 + what.size * lasted)
 
     def _reading(self, f: Array, *, turns: bool) -> Array:
         """(3, ...) of a specific force (3, ...) in units of the stated gravity."""
@@ -112,10 +132,10 @@ class Well:
         offset = self.truth[:3] + self.truth[12:15] * (temp - 20.0)
         toolface, lasts = rng.uniform(0.0, 2.0 * np.pi), rng.uniform(60.0, 300.0)
         f = _direction(inclination, toolface)
-        std = self.density / np.sqrt(2.0 * lasts)
-        floor = 1e-5 * self.conditions.noise
+        std = 3e-5 * self.noise / np.sqrt(2.0 * lasts)
+        floor = 1e-5 * self.noise
         mean = self._reading(f, turns=False) + offset + np.hypot(std, floor) * rng.standard_normal(3)
-        watch.still(Still(self.t_s, mean, std / self.conditions.noise, temp, depth))
+        watch.still(Still(self.t_s, mean, std / self.noise, temp, depth))
         for _ in range(2 if rng.random() < 0.8 else 0):
             self.t_s += 330.0
             self._advance(self.t_s)
@@ -123,7 +143,7 @@ class Well:
         return float(np.degrees(inclination))
 
     def _turn(self, inclination: float, offset: Array, temp: float, depth: float) -> Turning:
-        rng, noise = self.rng, self.conditions.noise
+        rng, noise = self.rng, self.noise
         rate = rng.uniform(20.0, 120.0) * 2.0 * np.pi / 60.0
         slips = rng.random() < 0.5
         rate2 = rate**2 * (1.0 + (0.5 * rng.uniform(0.2, 1.0) ** 2 if slips else 0.0))
@@ -137,6 +157,8 @@ class Well:
         arm = self.truth[[INDEX["arm_x"], INDEX["arm_y"]]]
         M[:2, 0] -= arm * rate2 / G0
         M[:2, 0] += self.conditions.whirl * 1e-4 * rate2 / G0 * rng.standard_normal(2)
+        vibration = self.conditions.vibration_g and self.conditions.vibration_g * rng.uniform(0.2, 1.0)
+        M[:, 0] += self.truth[INDEX["kV_x"] : INDEX["kV_z"] + 1] * vibration**2
         density = 3e-5 * rng.uniform(5.0, 50.0)
         stds = density * np.array([[np.sqrt(0.5), 1.0, 1.0]] * 3) / np.sqrt(lasts)
         M += noise * np.hypot(stds, 2e-5) * rng.standard_normal((3, 3))
@@ -150,6 +172,7 @@ class Well:
             np.eye(2) * arm_std**2 if slips else None,
             temp,
             depth,
+            vibration,
         )
 
 
@@ -174,6 +197,8 @@ class Outcome:
     held: int = 0
     intervals: int = 0
     nis: float = 1.0
+    alarmed: bool = False
+    """where noise grew: that something departs was said, too"""
 
 
 LAGS_H = (0.0, 1.0, 3.0, 6.0, 12.0, 24.0)
@@ -197,7 +222,7 @@ def run(kind: str, seed: int, conditions: Conditions, what: Departure | None = N
         since = (well.t_s - what.at_s) / 3600.0
         if not begun:
             outcome = replace(outcome, quiet_h=what.at_s / 3600.0, relevant=_relevant(what, inclination))
-        if outcome.bound_h is None and abs(what.size) * np.sqrt(watch.information_of(what.name, what.at_s)) >= need:
+        if outcome.bound_h is None and _reach(what, watch, since) >= need:
             outcome = replace(outcome, bound_h=since)
         if watch.alarm_s is None:
             continue
@@ -225,11 +250,19 @@ def run(kind: str, seed: int, conditions: Conditions, what: Departure | None = N
     )
 
 
+def _reach(what: Departure, watch: Watch, since_h: float) -> float:
+    """Size over its standard deviation by the Cramer-Rao bound; of a drift that began later that of a step of what it
+    has grown to."""
+    if what.name.startswith("drift") and what.at_s > 0.0:
+        return float(abs(what.size) * since_h * np.sqrt(watch.information_of(f"b_{what.name[-1]}", what.at_s)))
+    return float(abs(what.size) * np.sqrt(watch.information_of(what.name, what.at_s)))
+
+
 def _relevant(what: Departure, inclination: float) -> bool:
     """Whether the worst toolface's effect on I or T is more than three stated standard deviations."""
     state = np.zeros(SIZE)
-    for name in [f"S_{i}{i}" for i in "xyz"] if what.name == "S_all" else [what.name]:
-        state[INDEX[name]] = what.size
+    # a drift is judged by what it makes in ten hours
+    state[what.places] = what.size * (10.0 if what.name.startswith("drift") else 1.0)
     inc = float(np.radians(inclination))
     effect, stated = error_of(state, inc, None), std_of(stated_prior().covariance, inc, None)
     return abs(effect.inc_deg) > 3.0 * stated.inc_deg or abs(effect.tf_sin_inc_deg) > 3.0 * stated.tf_sin_inc_deg
@@ -246,6 +279,84 @@ def drawn_coefficient(rng: np.random.Generator) -> Departure:
     """A temperature coefficient of an offset (3 to 50 ug/degC) that is not the record's, from the start."""
     size = float(np.exp(rng.uniform(np.log(3e-6), np.log(5e-5))) * rng.choice([-1.0, 1.0]))
     return Departure(str(rng.choice(["kT_x", "kT_y", "kT_z"])), size, 0.0)
+
+
+OTHERS = ("rectification", "drift from the start", "drift from some time on", "growing noise")
+
+
+def drawn_other(word: str, rng: np.random.Generator, hours: float) -> Departure:
+    """One of `OTHERS`: rectification of 0.05 to 1 mg/g^2 from the start, an offset that drifts by 5 to 200 ug/h, noise
+    that grows by 2 to 30 % of the stated in an hour."""
+
+    def between(low: float, high: float) -> float:
+        return float(np.exp(rng.uniform(np.log(low), np.log(high))))
+
+    axis, sign, at_s = (
+        str(rng.choice(["x", "y", "z"])),
+        rng.choice([-1.0, 1.0]),
+        float(rng.uniform(0.1, 0.6)) * hours * 3600.0,
+    )
+    if word == "rectification":
+        return Departure(f"kV_{axis}", sign * between(5e-5, 1e-3), 0.0)
+    if word == "growing noise":
+        return Departure("noise", between(0.02, 0.3), at_s)
+    return Departure(f"drift_{axis}", sign * between(5e-6, 2e-4), 0.0 if word == OTHERS[1] else at_s)
+
+
+def run_noise(kind: str, seed: int, conditions: Conditions, what: Departure) -> Outcome:
+    """One well in which noise grows. `bound_h`: until it is as large as `noise_grown` says; found: when that is said;
+    in the class: nothing is said to depart."""
+    well, watch = Well(kind, seed, conditions, what), Watch(stated_prior())
+    outcome = Outcome(what.at_s / 3600.0, None)
+    reached_h, checks = (POLICY.grown - 1.0) / what.size, []
+    right: list[bool] = []
+    while well.t_s < conditions.hours * 3600.0:
+        well.stand(watch)
+        since = (well.t_s - what.at_s) / 3600.0
+        if not well.stepped:
+            if watch.alarm_s is not None:
+                return replace(outcome, quiet_h=watch.alarm_s / 3600.0, false_h=watch.alarm_s / 3600.0)
+            continue
+        if outcome.bound_h is None and since >= reached_h:
+            outcome = replace(outcome, bound_h=reached_h)
+        if outcome.found_h is None and watch.result().noise_grown:
+            outcome = replace(outcome, found_h=since)
+            checks = [since + lag for lag in LAGS_H]
+        while checks and since >= checks[0]:
+            right.append(watch.alarm_s is None)
+            checks.pop(0)
+    return replace(outcome, in_class=tuple(right), alone=tuple(right), alarmed=watch.alarm_s is not None)
+
+
+def others(word: str, wells: int, first_seed: int, conditions: Conditions) -> list[Outcome]:
+    """Wells in each of which one departure of that kind happens; a turning tool vibrates with up to 3 g rms."""
+    shaken = replace(conditions, vibration_g=3.0)
+    out = []
+    for k in range(wells):
+        what = drawn_other(word, np.random.default_rng([first_seed, k]), conditions.hours)
+        one = run_noise if what.name == "noise" else run
+        out.append(one(WELLS[k % len(WELLS)], first_seed + k, shaken, what))
+    return out
+
+
+def _print_others(word: str, found: list[Outcome]) -> None:
+    """Right class, wrong, missed, delay: each against how many."""
+    judged = [one for one in found if one.false_h is None]
+    within = [one for one in judged if one.bound_h is not None]
+    got = [one for one in within if one.found_h is not None]
+    # after the bound (of noise: after the ratio that is to be said) was reached
+    delays = [one.found_h - one.bound_h for one in got if one.found_h is not None and one.bound_h is not None]
+    say = ", ".join(f"{q} % {np.quantile(delays, q / 100.0):.1f} h" for q in (50, 90)) if delays else "none"
+    beyond = sum(one.found_h is not None for one in judged) - len(got)
+    print(
+        f"{word}: {len(found)} wells, {len(found) - len(judged)} alarms before it; within reach {len(within)}, found"
+        f" {len(got)}, missed {len(within) - len(got)}, found beyond reach {beyond}; found after the bound: {say}"
+    )
+    for k in (0, 3, len(LAGS_H) - 1):
+        of = [one for one in judged if len(one.in_class) > k]
+        right, alone = sum(one.in_class[k] for one in of), sum(one.alone[k] for one in of)
+        print(f"  {LAGS_H[k]:g} h later: right class {right}, wrong {len(of) - right} of {len(of)}, one name {alone}")
+    print(f"  where noise grew: departs was said, too, in {sum(one.alarmed for one in judged)}", flush=True)
 
 
 def quiet(wells: int, first_seed: int, conditions: Conditions) -> list[Outcome]:
@@ -278,12 +389,16 @@ def main() -> None:
     parser.add_argument("--coefficients", type=int, default=0, help="wells with a temperature coefficient instead")
     parser.add_argument("--hours", type=float, default=100.0)
     parser.add_argument("--first-seed", type=int, default=5000)
+    parser.add_argument(
+        "--walk", action="store_true", help="also wells whose random walk alone is 1.5 times the stated"
+    )
+    parser.add_argument("--others", type=int, default=0, help="wells each with rectification, drifts, growing noise")
     args = parser.parse_args()
     stated = Conditions(hours=args.hours)
-    for word, conditions in (
-        ("as stated", stated),
-        ("noise 1.4 and walk 1.5 times the stated", replace(stated, noise=1.4, walk=1.5)),
-    ):
+    ways = [("as stated", stated), ("noise 1.4 and walk 1.5 times the stated", replace(stated, noise=1.4, walk=1.5))]
+    if args.walk:
+        ways.append(("walk 1.5 times the stated", replace(stated, walk=1.5)))
+    for word, conditions in ways if args.wells else ():
         begun = time.process_time()
         found = quiet(args.wells, args.first_seed, conditions)
         hours = sum(one.quiet_h for one in found)
@@ -295,7 +410,10 @@ def main() -> None:
             f" of {of}; noise ratio {np.median([one.nis for one in found]):.2f};"
             f" {time.process_time() - begun:.0f} s of processor"
         )
-    _print_departures(departing(args.departures, args.first_seed + 100_000, stated))
+    if args.departures:
+        _print_departures(departing(args.departures, args.first_seed + 100_000, stated))
+    for k, word in enumerate(OTHERS if args.others else ()):
+        _print_others(word, others(word, args.others, args.first_seed + 300_000 + 10_000 * k, stated))
     if args.coefficients:
         print("temperature coefficients:")
         _print_departures(departing(args.coefficients, args.first_seed + 200_000, stated, coefficients=True))

@@ -229,6 +229,34 @@ def test_what_no_tool_may_do_is_refused_by_its_name(calibration: highside.Calibr
         highside.watch_recording(rows, calibration, **{name: value})
 
 
+def test_what_a_larger_random_walk_leaves_in_the_estimate_is_known() -> None:
+    """Against the recursion of the error's covariance under gains that were made for another walk."""
+    rng = np.random.default_rng(11)
+    Q = np.diag(rng.uniform(0.0, 0.1, SIZE))
+    one, actual, times = Filter(np.zeros(SIZE), np.eye(SIZE), Q), np.eye(SIZE), 1.7
+    for _ in range(12):
+        one.wait(0.5)
+        H = rng.standard_normal((3, SIZE))
+        update = one.take(np.zeros(3), H)
+        left = np.eye(SIZE) - update.gain @ H
+        actual = left @ (actual + 0.5 * times**2 * Q) @ left.T + update.gain @ update.gain.T
+    assert one.covariance + (times**2 - 1.0) * one.walked == pytest.approx(actual, abs=1e-12)
+    assert np.trace(actual) > 1.1 * np.trace(one.covariance)
+
+
+def test_intervals_allow_for_a_random_walk_that_innovations_do_not_show() -> None:
+    watch = Watch(a_prior())
+    for hour in range(1, 30):
+        watch.still(Still(3600.0 * hour, np.array([0.0, 0.0, 1.0]), 1e-6, 20.0))
+    said = watch.result()
+    stated = np.sqrt(np.diag(watch._filter.covariance))
+    assert said.noise_ratio <= 1.0
+    # b_y: out of sight, it has walked 5 ug/sqrt(h) for 28 h
+    allowed = np.sqrt(stated[1] ** 2 + (POLICY.walk**2 - 1.0) * 28.0 * STATED.offset_random_walk**2)
+    assert said.parameters["b_y"].std == pytest.approx(allowed, rel=1e-9)
+    assert said.parameters["b_y"].std > 1.02 * stated[1]
+
+
 def test_an_alarm_that_no_hypothesis_explains_any_more_stays_and_no_reading_is_to_be_used() -> None:
     """After an alarm the bank may run out of hypotheses of a reasonable size: that is said, and nothing ends."""
     watch = Watch(a_prior())

@@ -131,6 +131,23 @@ def test_a_memory_that_is_none_is_refused(calibration: highside.Calibration, dam
         Watch(prior_of_record(calibration.record), "x").recall(bad)
 
 
+def test_a_memory_of_an_earlier_version_is_gone_on_with(calibration: highside.Calibration) -> None:
+    """It did not keep what the random walk has made: then as if measurements had not touched that."""
+    watch = Watch(prior_of_record(calibration.record), calibration.record.id)
+    for hour in range(20):
+        watch.still(still_of(3600.0 * hour, np.array([0.3, 0.4, np.sqrt(0.75)])))
+    memory = watch.memory()
+    older = replace(memory, arrays={name: values for name, values in memory.arrays.items() if name != "walked"})
+    again = Watch(prior_of_record(calibration.record), calibration.record.id)
+    again.recall(older)
+    now, before = again.result(), watch.result()
+    assert all(now.parameters[name].value == one.value for name, one in before.parameters.items())
+    stated = np.sqrt(np.diag(memory.arrays["covariance"]))
+    for own, one, other in zip(stated, now.parameters.values(), before.parameters.values(), strict=True):
+        assert own <= one.std <= POLICY.walk * max(own, other.std)
+    assert now.parameters["b_z"].std > before.parameters["b_z"].std
+
+
 def test_a_tool_switched_on_again_may_have_another_offset(calibration: highside.Calibration) -> None:
     """A step within what is stated of a power-up is a departure while the tool runs, and none where it was off."""
     rows = rows_of_a_well(11, stands=30, inclinations_deg=(5.0, 85.0), step_g=(3e-4, 0.0, 0.0), step_at=20)

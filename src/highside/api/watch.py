@@ -154,7 +154,7 @@ def watch_recording(
 def _stated(**given: float) -> StatedNoise:
     """What a tool may do, within the limits that the service's settings have. Raises InputError."""
     try:
-        return WatchSettings(**given).noise(0.0)  # type: ignore[arg-type]
+        return WatchSettings(**given).noise(0.0)
     except ValidationError as error:
         wrong = error.errors(include_url=False)[0]
         raise InputError(

@@ -12,7 +12,7 @@ log-likelihood ratio at the best size `score / information`. A drift adds `direc
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -80,10 +80,17 @@ class Filter:
     covariance: Array
     process_noise: Array
     """growth of the covariance per hour"""
+    walked: Array = field(init=False)
+    """(N, N) the part of the covariance that the random walk has made, through the same gains"""
+
+    def __post_init__(self) -> None:
+        """Nothing has walked yet."""
+        self.walked = np.zeros_like(self.covariance)
 
     def wait(self, hours: float) -> None:
         """Let time pass."""
         self.covariance = self.covariance + self.process_noise * hours
+        self.walked = self.walked + self.process_noise * hours
 
     def take(self, y: Array, H: Array) -> Update:
         """A measurement `y = H x + e` with e of unit variance."""
@@ -94,7 +101,11 @@ class Filter:
         self.state = self.state + half @ innovations
         covariance = self.covariance - half @ half.T
         self.covariance = 0.5 * (covariance + covariance.T)
-        return Update(H, np.linalg.solve(root.T, half.T).T, root, innovations)
+        gain = np.linalg.solve(root.T, half.T).T
+        left = np.eye(self.state.size) - gain @ H
+        walked = left @ self.walked @ left.T
+        self.walked = 0.5 * (walked + walked.T)
+        return Update(H, gain, root, innovations)
 
 
 @dataclass(frozen=True, slots=True)

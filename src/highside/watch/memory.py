@@ -55,12 +55,14 @@ class WatchMemory:
 def checked(arrays: Mapping[str, Array]) -> None:
     """Raises ValueError for numbers that can be no memory; those of the bank are checked by `Bank.recall`."""
     shapes = {"state": (SIZE,), "covariance": (SIZE, SIZE), "alone_state": (SIZE,), "alone_covariance": (SIZE, SIZE)}
+    if "walked" in arrays:
+        shapes["walked"] = (SIZE, SIZE)
     for name, shape in shapes.items():
         if arrays[name].shape != shape:
             raise ValueError(f"{name} has another shape")
     if any(not (np.abs(values) < _LARGEST).all() for values in arrays.values()):
         raise ValueError("a number is beyond reason")
-    for name in ("covariance", "alone_covariance"):
+    for name in {"covariance", "alone_covariance", "walked"} & arrays.keys():
         _is_covariance(arrays[name], name)
     if arrays["f"].shape not in ((3,), (0,)) or arrays["squares"].ndim != 1 or (arrays["squares"] < 0.0).any():
         raise ValueError("the innovations are none")

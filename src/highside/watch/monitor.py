@@ -121,6 +121,7 @@ class Watch:
         arrays = {
             "state": self._filter.state.copy(),
             "covariance": self._filter.covariance.copy(),
+            "walked": self._filter.walked.copy(),
             "alone_state": self._alone.state.copy(),
             "alone_covariance": self._alone.covariance.copy(),
             "squares": np.array(self._squares, dtype=float),
@@ -162,6 +163,9 @@ class Watch:
         for row in arrays["trace"]:
             t, value, std, inclination, evidence = np.split(row, split)
             self._trace.append((float(t[0]), value, std, float(inclination[0]), float(evidence[0])))
+        watched_h = 0.0 if memory.start_s is None else (memory.last_s - memory.start_s) / HOUR_S
+        # a memory of an earlier version has none: then as if measurements had not touched it
+        self._filter.walked = arrays.get("walked", self._prior.process_noise * watched_h).copy()
         self._start_s, self._last_s, self._depth_km = memory.start_s, memory.last_s, memory.depth_km
         self._onset_s = -np.inf if memory.onset_s is None else memory.onset_s
         self._ref_c, self._warmer_c = memory.ref_c, memory.warmer_c
@@ -200,7 +204,7 @@ class Watch:
             self._alarm_s = t_s
         inclination = float(np.degrees(np.arctan2(np.hypot(self._f[0], self._f[1]), self._f[2])))
         state, covariance = self._believed()
-        std = self._grown() * np.sqrt(np.diag(covariance)[:CALIBRATION])
+        std = np.sqrt(np.diag(self._widened(covariance))[:CALIBRATION])
         self._trace.append((t_s, state[:CALIBRATION].copy(), std, inclination, evidence))
 
     def _surroundings(self, t_s: float, temp_c: float | None, depth_km: float | None) -> Surroundings:
@@ -227,6 +231,14 @@ class Watch:
         """How much wider thresholds and standard deviations stand than stated: noise may have grown, and never shrinks
         them. That of the deviations is the a-posteriori factor of unit weight (Birge, Phys. Rev. 40, 207, 1932)."""
         return max(1.0, self._noise_ratio())
+
+    def _widened(self, covariance: Array) -> Array:
+        """A covariance (N, N) as it is stated, correlations kept: grown by what innovations scatter, or, where that is
+        more, by a random walk larger than stated, which they hardly show. Not by both: what is seen is all there is."""
+        own = np.diag(covariance)
+        walked = (self._policy.walk**2 - 1.0) * np.diag(self._filter.walked)
+        factor = np.sqrt(np.maximum(self._grown() ** 2, 1.0 + walked / np.maximum(own, 1e-300)))
+        return np.asarray(covariance * np.outer(factor, factor))
 
     def result(self) -> WatchResult:
         """What is said now. Before the first measurement: learning, of nothing."""
@@ -259,7 +271,7 @@ class Watch:
             threshold=self._policy.threshold * self._grown() ** 2,
             duration_s=0.0 if self._start_s is None else self._last_s - self._start_s,
             counts=Counts(self._counts["stills"], self._counts["turns"], dict(self._left_out)),
-            covariance=self._grown() ** 2 * self._believed()[1][:CALIBRATION, :CALIBRATION],
+            covariance=self._widened(self._believed()[1])[:CALIBRATION, :CALIBRATION],
             departure=self._departure(),
             trace=self._traced(),
         )
@@ -289,11 +301,11 @@ class Watch:
     def _deviations(self) -> dict[str, Deviation]:
         before = np.diag(self._prior.covariance)
         state, covariance = self._believed()
-        after = np.diag(covariance)
+        after, stated = np.diag(covariance), np.sqrt(np.diag(self._widened(covariance)))
         return {
             name: Deviation(
                 value=float(state[k]),
-                std=self._grown() * float(np.sqrt(after[k])),
+                std=float(stated[k]),
                 unit=UNITS[name],
                 stated_std=float(np.sqrt(before[k])),
                 observable=bool(after[k] < self._policy.seen * before[k]),

@@ -82,6 +82,10 @@ class WatchPolicy:
     """innovations below which it is not judged"""
     grown: float = 1.5
     """ratio of the innovations' standard deviation to the stated one from which `noise_grown` is said"""
+    walk: float = 1.3
+    """random walk, in units of the stated one, that stated standard deviations allow for: innovations hardly show it.
+    Set on 200 wells each (first seed 91000): with the stated walk, 1.5 times it, and 1.5 times it with noise 1.4 times
+    the stated, 95 % intervals hold the truth in 96.7, 94.0 and 96.5 %; with a value of 1 in 95.3, 92.3 and 96.4 %"""
     most_traced: int = 20_000
     """measurements whose trace is kept for a picture (two months of five an hour); then the oldest leaves"""
     most_beyond: int = 1000
