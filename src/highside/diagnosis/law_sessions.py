@@ -26,6 +26,7 @@ from highside.diagnosis.magnitude.observed import Magnitudes
 from highside.diagnosis.magnitude.session import MagnitudeSession
 from highside.diagnosis.poses.session import PoseSession
 from highside.diagnosis.rotation.lines import found_orders
+from highside.diagnosis.rotation.policy import PILOT
 from highside.diagnosis.rows.session import RotationSession
 from highside.physics.effect import Effect
 from highside.physics.forward import ForwardModel
@@ -125,7 +126,7 @@ class ChainSession:
     @cached_property
     def observed(self) -> Observed:
         """All readings."""
-        return Observed(self.state, self.readings)
+        return Observed(self.state, self.readings, self.cells is not None and self.state.n > PILOT.many_rows)
 
     @cached_property
     def reduced_observed(self) -> Observed:

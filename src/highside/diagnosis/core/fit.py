@@ -80,7 +80,7 @@ class _Weighted:
 class Observed:
     """Readings (C, n) at n states: accelerometers in g and, below them, gyros in rad/s if there are any.
 
-    Many rows are evaluated `by_parts`, for inner products.
+    Many rows are evaluated `by_parts`, run by run: what stands between the stages of the chain is thirty times them.
     """
 
     state: ChainState
@@ -99,6 +99,12 @@ class Observed:
 
     def residual(self, model: ForwardModel) -> Array:
         """(C, n) readings minus prediction."""
+        if _apart(self, model):
+            left = np.empty(self.readings.shape)
+            parts = chunks_of(self.state.n)
+            for part, own in zip(parts, in_order(lambda part: self.run(part).residual(model), parts), strict=True):
+                left[:, part] = own[:, 1:]
+            return left
         predicted = model.predict(self.state)
         if self.gyros:
             predicted = np.concatenate([predicted, model.gyro(self.state)])

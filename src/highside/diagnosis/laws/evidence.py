@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
@@ -97,69 +97,90 @@ class Families:
         size = sum(family.orders.size * len(family.channels) for family in self.families) * self.problem.n
         room = LAW_EVIDENCE.kept // max(size, 1)
         del self._kept[: max(0, len(self._kept) - max(room - 1, 0))]
-        self._kept.append(_WhiteFamilies(self, whitener))
+        self._kept.append(_WhiteFamilies(self, whitener, keep=room > 0))
         return self._kept[-1]
 
 
 @dataclass(frozen=True)
 class _Part:
-    """A family under a noise: columns (G, m, c n), their inner products (G, m, m)."""
+    """A family under a noise: inner products (G, m, m) of its columns, and the columns (G, m, c n) where there is room
+    for them."""
 
     family: _Family
-    channels: tuple[int, ...]
-    columns: Array
     gram: Array
+    columns: Array | None
 
 
 class _WhiteFamilies:
-    """All groups under one noise, and their inner products with whatever was set beside them."""
+    """All groups under one noise, and their inner products with whatever was set beside them.
 
-    def __init__(self, families: Families, whitener: Whitener) -> None:
-        self.problem, self.whitener = families.problem, whitener
-        self.parts = [self._part(family) for family in families.families]
+    Whitened columns are kept where there is room; else they are made anew for each pass, a few groups at a time.
+    """
+
+    def __init__(self, families: Families, whitener: Whitener, *, keep: bool) -> None:
+        self.problem, self.whitener, self._families, self._keep = families.problem, whitener, families.families, keep
+        self.parts: list[_Part] = []
+        """made by the first pass"""
         self.free = whitener.white(families.problem.free)
         self._white: dict[LawGroup, Array] = {}
         self._across: dict[LawGroup, list[Array]] = {}
         self._free_across: list[Array] | None = None
         self._projections: tuple[Array, list[Array]] | None = None
 
-    def _part(self, family: _Family) -> _Part:
-        """A few groups at a time: their columns are made where the last ones were, and not kept."""
+    def _channels(self, family: _Family) -> list[int]:
+        return list(range(self.problem.count)) if self.whitener.mixes else list(family.channels)
+
+    def _columns(self, family: _Family, whole: Array | None) -> Iterator[Array]:
+        """(g m, c, n) whitened columns of a few groups at a time, in `whole` (G m, c, n) or where the last were."""
         (count, size), n = family.orders.shape, self.problem.n
-        mixes = self.whitener.mixes
-        channels = tuple(range(self.problem.count)) if mixes else family.channels
-        white = np.empty((count * size, len(channels), n))
-        at_once = max(1, LAW_EVIDENCE.at_once // size)
-        raw = np.zeros((min(at_once, count) * size, len(channels), n))
+        channels, mixes = self._channels(family), self.whitener.mixes
+        at_once = min(max(1, LAW_EVIDENCE.at_once // size), count)
+        raw = np.zeros((at_once * size, len(channels), n))
+        room = np.empty_like(raw) if whole is None else whole
         acting = list(family.channels) if mixes else list(range(len(channels)))
         for i in range(0, count, at_once):
             groups = family.groups[i : i + at_once]
             for k, group in enumerate(groups):
                 raw[k * size : (k + 1) * size, acting] = group.columns()
-            own, out = raw[: len(groups) * size], white[i * size : (i + len(groups)) * size]
+            own = raw[: len(groups) * size]
+            out = room[: len(own)] if whole is None else room[i * size : i * size + len(own)]
             if mixes:
                 out[:] = self.whitener.white(own)
-                continue
-            for k, ch in enumerate(channels):
-                self.whitener.channel(ch, own[:, k], out[:, k])
-        columns = white.reshape(count, size, -1)
-        return _Part(family, channels, columns, columns @ columns.transpose(0, 2, 1))
+            else:
+                for k, ch in enumerate(channels):
+                    self.whitener.channel(ch, own[:, k], out[:, k])
+            yield out
 
-    def with_rows(self, rows: Array) -> list[Array]:
-        """Of each part the inner products (G, m, K) with whitened rows (K, C, n)."""
-        made = []
-        for part in self.parts:
-            count, size, width = part.columns.shape
-            beside = rows[:, list(part.channels)].reshape(len(rows), -1)
-            made.append((part.columns.reshape(count * size, width) @ beside.T).reshape(count, size, -1))
+    def _passed(self, several: Sequence[Array]) -> list[list[Array]]:
+        """Of each of several sets of whitened rows (K, C, n) the inner products (G, m, K) with each part."""
+        made: list[list[Array]] = [[] for _ in several]
+        for k, family in enumerate(self._families):
+            (count, size), channels = family.orders.shape, self._channels(family)
+            rows = [one[:, channels].reshape(len(one), len(channels) * self.problem.n) for one in several]
+            known = self.parts[k] if k < len(self.parts) else None
+            if known is not None and known.columns is not None:
+                blocks: Iterable[Array] = [known.columns]
+            elif self._keep:
+                whole = np.empty((count * size, len(channels), self.problem.n))
+                for _ in self._columns(family, whole):
+                    pass
+                blocks = [whole]
+            else:
+                blocks = self._columns(family, None)
+            grams: list[Array] = []
+            products: list[list[Array]] = [[] for _ in several]
+            for block in blocks:
+                columns = block.reshape(-1, size, rows[0].shape[1])
+                if known is None:
+                    grams.append(columns @ columns.transpose(0, 2, 1))
+                flat = columns.reshape(-1, columns.shape[2])
+                for own, beside in zip(products, rows, strict=True):
+                    own.append((flat @ beside.T).reshape(len(columns), size, -1))
+            if known is None:
+                self.parts.append(_Part(family, np.concatenate(grams), columns if self._keep else None))
+            for found, own in zip(made, products, strict=True):
+                found.append(np.concatenate(own))
         return made
-
-    def projections(self, residual: Array) -> list[Array]:
-        """Of each part the inner products (G, m) with a residual (C, n), not whitened; those of the last are kept."""
-        if self._projections is None or self._projections[0] is not residual:
-            made = self.with_rows(self.whitener.white(residual[None]))
-            self._projections = residual, [one[:, :, 0] for one in made]
-        return self._projections[1]
 
     def columns_of(self, group: LawGroup) -> Array:
         """(m, C, n) whitened columns of a group."""
@@ -167,15 +188,26 @@ class _WhiteFamilies:
             self._white[group] = self.whitener.white(raw_columns_of(self.problem, group))
         return self._white[group]
 
-    def across(self, terms: Sequence[LawTerm]) -> list[Array]:
-        """Of each part the inner products (G, m, K) with all that is free and with the terms."""
+    def beside(self, terms: Sequence[LawTerm], residual: Array) -> tuple[list[Array], list[Array]]:
+        """Of each part the inner products (G, m, K) with all that is free and the terms, and (G, m) with a residual
+        (C, n), not whitened: those of the last are kept. What is not known is taken in one pass."""
+        lacking = list(dict.fromkeys(term.group for term in terms if term.group not in self._across))
+        wanted = [self.columns_of(group) for group in lacking]
+        projected = self._projections is not None and self._projections[0] is residual
+        if not projected:
+            wanted.append(self.whitener.white(residual[None]))
         if self._free_across is None:
-            self._free_across = self.with_rows(self.free)
-        for term in terms:
-            if term.group not in self._across:
-                self._across[term.group] = self.with_rows(self.columns_of(term.group))
+            wanted.append(self.free)
+        made = self._passed(wanted) if wanted else []
+        if self._free_across is None:
+            self._free_across = made.pop()
+        if not projected:
+            self._projections = residual, [one[:, :, 0] for one in made.pop()]
+        self._across.update(zip(lacking, made, strict=True))
+        assert self._projections is not None
         own = [self._across[term.group] for term in terms]
-        return [np.concatenate([free, *(one[i] for one in own)], axis=2) for i, free in enumerate(self._free_across)]
+        across = [np.concatenate([free, *(one[i] for one in own)], axis=2) for i, free in enumerate(self._free_across)]
+        return across, self._projections[1]
 
 
 class Whitened:
@@ -186,9 +218,9 @@ class Whitened:
         self.residual, self._raw = whitener.white(residual[None])[0], residual
         self._scored: dict[tuple[object, ...], tuple[Array, list[Prior]]] = {}
 
-    @cached_property
+    @property
     def groups(self) -> _WhiteFamilies:
-        """The groups, whitened."""
+        """The groups, whitened: not held here, for those of another noise take their place."""
         return self.families.whitened(self.whitener)
 
     @cached_property
@@ -228,7 +260,8 @@ class Whitened:
         return self._scored[key]
 
     def _gains(self, terms: list[LawTerm], least: float, within: float) -> tuple[Array, list[Prior]]:
-        beside = [self.groups.free, *(self.groups.columns_of(term.group) for term in terms)]
+        white = self.groups
+        beside = [white.free, *(white.columns_of(term.group) for term in terms)]
         columns, prior = np.concatenate(beside), prior_of(self.families.problem, terms)
         flat = columns.reshape(len(columns), -1)
         inverse = _inverse(flat @ flat.T, prior)
@@ -236,12 +269,12 @@ class Whitened:
         groups = self.families.groups
         gains = np.full(len(groups), -np.inf)
         priors = [Prior(1.0, 1.0)] * len(groups)
-        left, projected = [], self.groups.projections(self._raw)
-        for part, across, projections in zip(self.groups.parts, self.groups.across(terms), projected, strict=True):
+        left = []
+        for part, across, projections in zip(white.parts, *white.beside(terms, self._raw), strict=True):
             remaining = part.gram - across @ inverse @ across.transpose(0, 2, 1)
             left.append(_shown(part.gram, remaining, projections - across @ coefficients))
         # no prior gains more than the best fit does: what cannot come near the best is not looked at
-        parts = self.groups.parts
+        parts = white.parts
         bounds = [_bound(*one) - part.family.tries for one, part in zip(left, parts, strict=True)]
         barred = self.families.barred
         for bound, part in zip(bounds, parts, strict=True):

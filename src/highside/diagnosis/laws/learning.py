@@ -7,8 +7,9 @@ groups, of a residual. Priors and what the data cannot show turn these small mat
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -136,24 +137,22 @@ class _Filters:
             np.concatenate([plain, *(a.log_determinant for a in levels), *(b.log_determinant for b in ladders)]),
         )
 
-    def white(self, rows: Array) -> Array:
-        """(S, m, n) rows (m, n) under each."""
-        result = np.empty((self.share.size, *rows.shape))
-        result[0] = rows / self.sigma
-        at = 1
+    def runs(self) -> list[tuple[slice, Callable[[Array], Array]]]:
+        """Runs of settings, and what turns rows (m, n) into those under each of a run, (s, m, n)."""
+        found: list[tuple[slice, Callable[[Array], Array]]] = [(slice(0, 1), lambda rows: (rows / self.sigma)[None])]
         for made in self.levels:
-            own = made.white(rows)
-            result[at : at + len(own)] = own
-            at += len(own)
-        result[at:] = white_by_ladders(self.ladders, rows)
-        return result
+            at = found[-1][0].stop
+            found.append((slice(at, at + len(made.gain)), made.white))
+        found.append((slice(found[-1][0].stop, self.share.size), partial(white_by_ladders, self.ladders)))
+        return found
 
 
 class _Products:
     """Inner products of one channel under every setting; `scale` is the mean variance of its white noise."""
 
-    def __init__(self, channel: int, filters: _Filters, scale: float, n: int) -> None:
-        self.channel, self.filters, self.scale, self.n = channel, filters, scale, n
+    def __init__(self, channel: int, filters: _Filters, scale: float, n: int, most: int) -> None:
+        """`most` numbers of whitened columns are kept."""
+        self.channel, self.filters, self.scale, self.n, self.most = channel, filters, scale, n, most
         self._white: dict[Hashable, Array] = {}
         self._blocks: dict[tuple[Hashable, Hashable], Array] = {}
 
@@ -163,40 +162,65 @@ class _Products:
         filters = self.filters
         inner = np.zeros((filters.share.size, int(ends[-1]), int(ends[-1])))
         acting = [np.flatnonzero(np.any(part.raw[:, self.channel] != 0, axis=1)) for part in parts]
-        for i, one in enumerate(parts):
-            for j, other in enumerate(parts[i:], i):
-                if not acting[i].size or not acting[j].size:
-                    continue
-                turned = one.turn[:, acting[i]] @ self._block(one, other, acting[i], acting[j])
-                block = turned @ other.turn[:, acting[j]].T
-                inner[:, ends[i] : ends[i + 1], ends[j] : ends[j + 1]] = block
-                if j > i:
-                    inner[:, ends[j] : ends[j + 1], ends[i] : ends[i + 1]] = block.transpose(0, 2, 1)
+        pairs = [(i, j) for i in range(len(parts)) for j in range(i, len(parts)) if acting[i].size and acting[j].size]
+        self._take(parts, acting, pairs)
+        for i, j in pairs:
+            block = self._blocks.get((parts[i].key, parts[j].key))
+            if block is None:
+                block = self._blocks[parts[j].key, parts[i].key].transpose(0, 2, 1)
+            block = parts[i].turn[:, acting[i]] @ block @ parts[j].turn[:, acting[j]].T
+            inner[:, ends[i] : ends[i + 1], ends[j] : ends[j + 1]] = block
+            if j > i:
+                inner[:, ends[j] : ends[j + 1], ends[i] : ends[i + 1]] = block.transpose(0, 2, 1)
         inner /= self.scale
         logs = filters.log_determinant + self.n * float(np.log(self.scale))
         cost = np.where(np.arange(logs.size) > 0, LAW_NOISE.cost, 0.0)
         return _Settings(inner, logs, filters.share, filters.length, filters.ladder, cost)
 
-    def _block(self, one: _Columns, other: _Columns, mine: NDArray[np.intp], its: NDArray[np.intp]) -> Array:
-        """(S, m, k) inner products of the columns of two parts that act on the channel."""
-        key = one.key, other.key
-        if key not in self._blocks:
-            if key[::-1] in self._blocks:
-                return self._blocks[key[::-1]].transpose(0, 2, 1)
-            left = self._whitened(one, mine)
-            right = left if one.key == other.key else self._whitened(other, its)
-            self._blocks[key] = left @ right.transpose(0, 2, 1)
-        return self._blocks[key]
+    def _take(
+        self, parts: Sequence[_Columns], acting: Sequence[NDArray[np.intp]], pairs: Sequence[tuple[int, int]]
+    ) -> None:
+        """Inner products (S, m, k) of the columns of two parts that act on the channel, where they are not known: from
+        run to run of settings, for all of them at once are many times the columns."""
+        lacking = {
+            (i, j): np.empty((self.filters.share.size, acting[i].size, acting[j].size))
+            for i, j in pairs
+            if self._blocks.keys().isdisjoint([(parts[i].key, parts[j].key), (parts[j].key, parts[i].key)])
+        }
+        if not lacking:
+            return
+        wanted = sorted({k for pair in lacking for k in pair})
+        room = {k: self._room(parts[k], acting[k].size) for k in wanted if parts[k].key not in self._white}
+        for run, white in self.filters.runs():
+            turned = {}
+            for k in wanted:
+                known = self._white.get(parts[k].key)
+                whole = room.get(k) if known is None else known
+                if known is not None:
+                    turned[k] = known[run]
+                elif whole is not None:
+                    whole[run] = white(parts[k].raw[acting[k], self.channel])
+                    turned[k] = whole[run]
+                else:
+                    turned[k] = np.ascontiguousarray(white(parts[k].raw[acting[k], self.channel]))
+            for (i, j), block in lacking.items():
+                block[run] = turned[i] @ turned[j].transpose(0, 2, 1)
+        self._blocks.update({(parts[i].key, parts[j].key): block for (i, j), block in lacking.items()})
+        for k, whole in room.items():
+            if whole is not None:
+                self._keep(parts[k].key, whole)
 
-    def _whitened(self, part: _Columns, acting: NDArray[np.intp]) -> Array:
-        if part.key not in self._white:
-            made = self.filters.white(part.raw[acting, self.channel])
-            while self._white and made.size + sum(own.size for own in self._white.values()) > LAW_NOISE.kept:
-                # what is free comes back with every fit
-                oldest = next((key for key in self._white if key != FREE), FREE)
-                del self._white[oldest]
-            self._white[part.key] = made
-        return self._white[part.key]
+    def _room(self, part: _Columns, acting: int) -> Array | None:
+        """(S, m, n) for the whitened columns of a part, where they are few enough to be kept."""
+        shape = self.filters.share.size, acting, self.n
+        return np.empty(shape) if np.prod(shape) <= self.most else None
+
+    def _keep(self, key: Hashable, made: Array) -> None:
+        while self._white and made.size + sum(own.size for own in self._white.values()) > self.most:
+            # what is free comes back with every fit
+            oldest = next((known for known in self._white if known != FREE), FREE)
+            del self._white[oldest]
+        self._white[key] = made
 
 
 def _products_of(problem: LawProblem) -> list[_Products]:
@@ -211,7 +235,7 @@ def _products_of(problem: LawProblem) -> list[_Products]:
         if own is None:
             own = _Filters.of(white, problem.t_s)
             made.append((white, own))
-        found.append(_Products(c, own, mean, problem.n))
+        found.append(_Products(c, own, mean, problem.n, LAW_NOISE.kept // problem.count))
     return found
 
 

@@ -76,8 +76,8 @@ class LawEvidencePolicy:
     at_once: int = 256
     """Columns of groups that are whitened at once. Source: a processor's cache; for one a pass costs as much."""
     kept: int = 20_000_000
-    """Numbers of whitened columns that are kept, of the noises tried last; of one noise always. Source: memory of
-    160 MB; poses keep four and more noises, rotations one."""
+    """Numbers of whitened columns that are kept, of the noises tried last; of more each pass makes them anew. Source:
+    memory of 160 MB; poses keep four and more noises, cells of a rotation (3,000 values, 530 MB a noise) none."""
 
 
 LAW_EVIDENCE = LawEvidencePolicy()
@@ -113,8 +113,8 @@ class LawNoisePolicy:
     ladder_columns: int = 256
     """Columns of one pass of a ladder's filter. Source: a processor's cache of 1 MB."""
     kept: int = 10_000_000
-    """Numbers of columns whitened under all settings that are kept, of each channel. Source: memory of 80 MB; inner
-    products of them are kept always."""
+    """Numbers of columns whitened under all settings that are kept, of all channels together. Source: memory of 80 MB;
+    inner products of them are kept always."""
     at_once: int = 100_000
     """Settings times values of one pass. Source: the same memory with forty columns."""
     matrices: int = 50_000

@@ -239,7 +239,7 @@ class RotationProblem(RowsProblem):
         return with_jitter(summary, self.noise, self.channels)
 
     def report_data(self, fit: JointFit | None) -> ReportData:
-        observed = Observed(self.session.state, self.session.readings)
+        observed = Observed(self.session.state, self.session.readings, self.session.n > PILOT.many_rows)
         return ReportData(
             self.session,
             self.residual + self.second_order,

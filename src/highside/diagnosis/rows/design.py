@@ -23,6 +23,7 @@ from highside.diagnosis.core.chunks import chunks_of
 from highside.diagnosis.core.untestable import one_sided
 from highside.diagnosis.rows.bases import BasisGroup, Recipe, Rows, rotation_groups, rotation_interactions
 from highside.diagnosis.rows.policy import DESIGN
+from highside.diagnosis.rows.scratch import Scratch, Stored
 from highside.diagnosis.rows.session import FIRST_GYRO, RotationSession
 from highside.physics.effect import Effect, Stage
 from highside.physics.effects import all_effects
@@ -50,13 +51,13 @@ class _Source:
     vector: Array
     amplitudes: tuple[int, ...]
     numbers: Ints
-    stored: dict[tuple[int, int], Array] | None
-    """(N,) by amplitude and channel where the effect has hysteresis and cannot be made in chunks"""
+    stored: dict[tuple[int, int], Stored] | None
+    """by amplitude and channel where the effect has hysteresis and cannot be made in chunks"""
 
     def row(self, amplitude: int, channel: int, part: slice) -> Array:
         """A run of rows of what is stored."""
         assert self.stored is not None
-        return self.stored[amplitude, channel][part]
+        return self.stored[amplitude, channel](part)
 
     def among(self, place: Sequence[Ints]) -> bool:
         """Whether any of its functions has a place (m_c,) on its channel."""
@@ -160,6 +161,7 @@ class ChainDesign(Design):
         begin."""
         super().__init__(session, free, lines)
         self._onset_s = onset_s
+        self._scratch = Scratch()
         self.model = model
         self._sources: list[_Source] = []
         self._recipes: list[tuple[int, int, Recipe]] = []
@@ -294,7 +296,7 @@ class ChainDesign(Design):
     def _through(self, effect: Effect, vector: Array, amplitudes: Sequence[int]) -> list[int]:
         """Columns of an effect through the chain; -1 for one that leaves no trace."""
         wanted = tuple(amplitudes)
-        stored: dict[tuple[int, int], Array] | None = None
+        stored: dict[tuple[int, int], Stored] | None = None
         if effect.complex_safe:
             probe = self._evaluate(self._probe_state, [(effect, vector, wanted)])[0][:, :, 1:]
         else:
@@ -302,7 +304,7 @@ class ChainDesign(Design):
             probe = self._evaluate(self.session.state, [(effect, vector, wanted)])[0]
         shows = np.max(np.abs(probe), axis=2) > DESIGN.nothing
         if not effect.complex_safe:
-            stored = {(int(k), int(c)): probe[k, c].copy() for k, c in zip(*np.nonzero(shows), strict=True)}
+            stored = {(int(k), int(c)): self._scratch.put(probe[k, c]) for k, c in zip(*np.nonzero(shows), strict=True)}
         of_channels = np.where(shows, self._own + np.cumsum(shows, axis=0) - 1, -1)
         self._own += shows.sum(axis=0)
         self._sources.append(_Source(effect, vector, wanted, of_channels, stored))
@@ -379,8 +381,8 @@ class ChainDesign(Design):
             return begun
         # it may have hysteresis: the whole recording at once
         whole = effect.delta(self.session.state, vector, np.zeros((3, self.session.n)))[axis]
-        values = np.ascontiguousarray(whole, dtype=float)
-        return lambda rows: [values[rows.first : rows.first + rows.state.n]]
+        stored = self._scratch.put(whole)
+        return lambda rows: [stored(slice(rows.first, rows.first + rows.state.n))]
 
     def _line(self, effect: Effect, value: float) -> list[int]:
         """A cosine or a sine on one axis for each amplitude of a line."""

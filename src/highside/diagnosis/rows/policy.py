@@ -44,6 +44,10 @@ class DesignPolicy:
     """Share of a recording at each end in which a step is not looked for. Chosen in 4048651; no run is recorded."""
     nothing: float = 1e-12
     """g or rad/s; a function that is smaller everywhere is none. Chosen in 4048651; no run is recorded."""
+    in_memory: int = 30_000
+    """Rows up to which stored columns stay in memory. Source: ninety of them are 22 MB."""
+    stored: int = 100
+    """Columns that are stored, about. Source: 92 of three channels (`python -m tests.bench.diagnosis_memory`)."""
     far: int = 1 << 40
     """Numbers from which a function is a shared one, until its place is known: more than any design has. Chosen in
     4048651; no run is recorded."""
