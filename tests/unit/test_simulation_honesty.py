@@ -13,7 +13,8 @@ from highside.diagnosis.core.stability import Change
 from highside.diagnosis.rows.gram import Gram, HeldOutRows
 from highside.diagnosis.rows.policy import GRAMS
 from highside.diagnosis.simulation.band import humps
-from highside.diagnosis.simulation.independence import NoNoise, no_noise
+from highside.diagnosis.simulation.independence import NoNoise, hidden_motions, no_noise
+from highside.report.diagnosis_words import verdict_words
 from studies import simulation_honesty as study
 
 SEED = 41
@@ -148,6 +149,58 @@ def test_a_departure_in_a_band_or_on_two_channels_is_no_noise(size: float) -> No
     found = departing(both)
     assert found is not None
     assert found.channels == (0, 3)
+
+
+def in_octave(rng: np.random.Generator, size: float, channels: int) -> study.Array:
+    """Motion of an rms size in an octave from 0.83 to 1.7 Hz, (channels, 600) rows of 0.08 s."""
+    waves = np.zeros((channels, 301), dtype=complex)
+    waves[:, 40:80] = rng.standard_normal((channels, 40)) + 1j * rng.standard_normal((channels, 40))
+    moved = np.fft.irfft(waves, n=600, axis=1)
+    return np.asarray(moved * size / np.sqrt(np.mean(moved**2)))
+
+
+def test_what_moves_several_channels_is_told_where_on_each_it_is_too_little() -> None:
+    rng = np.random.default_rng(12)
+    told = 0
+    for _ in range(30):
+        rows = rng.standard_normal((6, 600))
+        rows[:3] += in_octave(rng, 0.37, 3)
+        told += no_noise(rows, rows, 0.08, None, study.NAMES) is not None
+    # by each channel alone, and all six together, it was a third
+    assert told >= 20
+
+
+def test_the_size_of_motion_that_would_not_show_holds() -> None:
+    rng = np.random.default_rng(13)
+    names = study.NAMES
+    told = 0
+    for _ in range(30):
+        rows = rng.standard_normal((6, 600))
+        accelerations, rates = hidden_motions(rows, 0.08, None, names)
+        assert (accelerations.channels, rates.channels) == (names[:3], names[3:])
+        size = next(rms for low, high, rms in accelerations.octaves if low < 1.2 < high)
+        assert 0.2 < size < 0.6
+        rows[:3] += in_octave(rng, size, 3)
+        told += no_noise(rows, rows, 0.08, None, names) is not None
+    assert told >= 24
+
+
+@pytest.mark.parametrize("strength", [1e2, 3e2])
+def test_motion_that_is_too_small_to_be_told_lies_within_the_size_that_is_stated(strength: float) -> None:
+    """It was "nothing was left out", without a word of how much could be there."""
+    motion = study.Motion(SEED)
+    added = study.made("missing motion", motion, strength)
+    found = study.reported(motion, added, "white", SEED, laws=False)
+    if found.verdict != "nothing_left_out":
+        return
+    (accelerations, _) = found.noise["hidden_motion"]
+    assert accelerations["channels"] == ["ax_g", "ay_g", "az_g"]
+    size = next(one["rms"] for one in accelerations["octaves"] if one["from_hz"] < 1.2 < one["to_hz"])
+    # of the motion, some 1.6 octaves, the better part lies in this one
+    assert size > 0.8 * np.sqrt(np.mean(added[:3] ** 2))
+    words = verdict_words(found)
+    assert words.startswith("No effect was found.")
+    assert "rms, by the octave, of ax_g, ay_g, az_g" in words
 
 
 def test_a_delay_that_changes_is_located_where_it_is_small() -> None:

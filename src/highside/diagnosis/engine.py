@@ -44,7 +44,7 @@ from highside.diagnosis.rotation.problem import RotationProblem
 from highside.diagnosis.rows.colour import with_long_memory
 from highside.diagnosis.rows.session import RotationSession
 from highside.diagnosis.simulation.band import humps, with_humps
-from highside.diagnosis.simulation.independence import no_noise, with_no_noise
+from highside.diagnosis.simulation.independence import hidden_motions, no_noise, with_hidden_motions, with_no_noise
 from highside.diagnosis.simulation.problem import SimulationProblem
 from highside.diagnosis.simulation.session import SimulationSession
 from highside.physics.forward import ForwardModel
@@ -139,6 +139,7 @@ def diagnose_simulation(
         rest, white = report.after, problem.noise.white(report.after).reshape(report.after.shape)
         departs = no_noise(rest, white, beside.step_s, beside.omitted, beside.names)
         found = with_no_noise(found, departs, rest, beside.state.t_s, beside.names)
+        found = with_hidden_motions(found, hidden_motions(rest, beside.step_s, beside.omitted, beside.names))
     if method.laws:
         found, report = with_channel_laws(problem, found, report)
     return with_long_memory(found, beside), report

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 from highside.diagnosis.core.result import Claim, DiagnosisResult, Fit, Location
 from highside.physics.covariates import COVARIATES
@@ -54,13 +55,29 @@ SIDES = {
 
 
 def verdict_words(diagnosis: DiagnosisResult) -> str:
-    """The verdict as a sentence. Where |g| alone is known, "nothing" holds down to what would have shown: the sizes."""
+    """The verdict as a sentence. Where |g| alone is known, and beside another simulation, "nothing" holds down to what
+    would have shown: the sizes."""
+    moving = diagnosis.noise.get("hidden_motion", [])
+    if diagnosis.verdict == "nothing_left_out" and moving:
+        octaves = moving[0]["octaves"]
+        return (
+            "No effect was found. A motion that the simulation lacks would not show where each octave of it, from "
+            f"{octaves[0]['from_hz']:.2g} to {octaves[-1]['to_hz']:.2g} Hz, has less than "
+            f"{' and '.join(_hidden(one) for one in moving)}, nor where it is slower."
+        )
     effects = all_effects()
     hidden = {n: s for n, s in diagnosis.minimum_detectable.items() if n in effects and effects[n].slow}
     if diagnosis.verdict != "nothing_left_out" or "repeats_g" not in diagnosis.noise or not hidden:
         return VERDICTS[diagnosis.verdict]
     sizes = ", ".join(f"{title_of(name).lower()} {quantity(size.value, size.unit)}" for name, size in hidden.items())
     return f"No effect was found. What is smaller than this would not show: {sizes}."
+
+
+def _hidden(motion: Mapping[str, Any]) -> str:
+    """Between which sizes, by the octave, a motion does not show."""
+    sizes = sorted(one["rms"] for one in motion["octaves"])
+    least, most = (quantity(size, motion["unit"]) for size in (sizes[0], sizes[-1]))
+    return f"{least} to {most} rms, by the octave, of {', '.join(motion['channels'])}"
 
 
 def claimed(diagnosis: DiagnosisResult) -> str:

@@ -1,4 +1,4 @@
-"""Is what is left noise of sensors? Two tests that no misfit can raise the floor of.
+"""Is what is left noise of sensors? Three tests that no misfit can raise the floor of.
 
 Noise is learned from what is left, so a small misfit passes for some colour of it. But whatever its colour, noise of a
 sensor has no less power at lower frequencies than at higher ones, and each channel has its own. Both are tested on what
@@ -8,11 +8,15 @@ a recording leaves beside a prediction, against the nearest noise that there cou
   the likelihood ratio is a mixture of chi-squares, with the probabilities of the simple order (Robertson, Wright and
   Dykstra, Order Restricted Statistical Inference, 1988, sections 2.3 and 2.4, there for equal weights, which octaves
   have not; their law is as stated, `BandPolicy.ordinates`);
+- the spectra of all channels of a kind together: a run of octaves against one below it, by the signed root of the
+  likelihood ratio of gamma variates, which is standard normal (Barndorff-Nielsen, Biometrika 73, 1986), averaged over
+  the channels. What moves the instrument shows on most of them, and on each alone too little;
 - the coherence of two channels against none: of m ordinates it exceeds x by chance with (1 - x)^(m - 1) (Goodman,
   Technometrics 3, 1961).
 
 A motion that is missing in some octave shows where it is above the noise of the octaves below; what falls with
-frequency as noise does, and is on one channel, no spectrum tells from noise.
+frequency as noise does, and is on one channel, no spectrum tells from noise. And what is small enough is not told
+from noise by any test: how large it may be is given by `hidden_motions`.
 """
 
 from __future__ import annotations
@@ -23,13 +27,16 @@ from itertools import combinations, pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtrc
+from scipy.special import chdtrc, ndtr, ndtri
 
 from highside.arrays import Array
 from highside.diagnosis.core.location import intervals
+from highside.diagnosis.core.policy import RIVALS
 from highside.diagnosis.core.result import DiagnosisResult, Location
 from highside.diagnosis.core.unexplained import hinted
 from highside.diagnosis.simulation.policy import BAND
+from highside.diagnosis.simulation.session import unit_of
+from highside.physics.channels import kind_of
 
 
 @dataclass(frozen=True)
@@ -39,6 +46,21 @@ class NoNoise:
     channels: tuple[int, ...]
     p: float
     words: str
+
+
+TESTS = 3
+"""that `no_noise` makes of several channels"""
+HIDDEN = "hidden_motion"
+"""of the noise in `diagnosis.json`: how large a motion may be that would not show"""
+
+
+@dataclass(frozen=True)
+class HiddenMotion:
+    """What may move these channels and not show: of each octave its limits, Hz, and the rms in the channels' unit."""
+
+    channels: tuple[str, ...]
+    unit: str
+    octaves: tuple[tuple[float, float, float], ...]
 
 
 def no_noise(
@@ -53,7 +75,8 @@ def no_noise(
     rows, whitened = (
         np.where(kept, values - values[:, kept].mean(axis=1, keepdims=True), 0.0) for values in (left, white)
     )
-    found = [one for one in (_rising(rows, step_s, channels), _shared(whitened, step_s, channels)) if one is not None]
+    tests = (_rising(rows, step_s, channels), _moving(rows, step_s, channels), _shared(whitened, step_s, channels))
+    found = [one for one in tests if one is not None]
     best = min(found, key=lambda one: one.p, default=None)
     return best if best is not None and len(found) * best.p < BAND.chance else None
 
@@ -72,6 +95,21 @@ def with_no_noise(
     return hinted(replace(diagnosis, verdict="unknown", location=(place,), remainder=remainder), found.words)
 
 
+def with_hidden_motions(diagnosis: DiagnosisResult, found: Sequence[HiddenMotion]) -> DiagnosisResult:
+    """The diagnosis with how large a motion may be that would not show, where nothing was found."""
+    if diagnosis.verdict != "nothing_left_out" or not found:
+        return diagnosis
+    sizes = [
+        {
+            "channels": list(one.channels),
+            "unit": one.unit,
+            "octaves": [{"from_hz": low, "to_hz": high, "rms": rms} for low, high, rms in one.octaves],
+        }
+        for one in found
+    ]
+    return replace(diagnosis, noise={**diagnosis.noise, HIDDEN: sizes})
+
+
 def _bands(rows: Array) -> tuple[NDArray[np.complex128], list[NDArray[np.intp]]] | None:
     """(C, m) the Fourier transform of rows (C, n), and the ordinates of each band, about an octave each; None where
     there are too few."""
@@ -79,7 +117,10 @@ def _bands(rows: Array) -> tuple[NDArray[np.complex128], list[NDArray[np.intp]]]
     edges = [BAND.skipped, BAND.skipped + BAND.ordinates]
     while edges[-1] * 2 < last:
         edges.append(edges[-1] * 2)
-    edges[-1] = last
+    if last - edges[-1] < edges[-1] // 2:
+        # half of an octave and less goes to the one below
+        edges.pop()
+    edges.append(last)
     parts = [np.arange(a, b) for a, b in pairwise(edges)]
     return None if len(parts) < BAND.least_bands else (np.fft.rfft(rows, axis=1), parts)
 
@@ -94,15 +135,11 @@ def _rising(rows: Array, step_s: float, channels: Sequence[str]) -> NoNoise | No
     waves, parts = known
     count = np.array([part.size for part in parts], dtype=float)
     deviance, words = np.zeros(len(rows)), [""] * len(rows)
-    for c, own in enumerate(waves):
-        level = np.array([float(np.mean(np.abs(own[part]) ** 2)) for part in parts])
+    for c, level in enumerate(_levels(waves, parts)):
         if level.max() <= 0.0:
             continue
-        level = np.maximum(level, BAND.nothing * level.max())
         falling = isotonic_regression(level, weights=count, increasing=False).x
-        # rows of unequal size make the ordinates of a band depend on one another
-        spread = max(1.0, float(np.mean(rows[c] ** 4) / (3 * np.mean(rows[c] ** 2) ** 2)))
-        deviance[c] = float(2 * np.sum(count * np.log(falling / level))) / spread
+        deviance[c] = float(2 * np.sum(count * np.log(falling / level))) / _spread(rows[c])
         highest = int(np.argmax(level / falling))
         low, high = (float(k / (rows.shape[1] * step_s)) for k in (parts[highest][0], parts[highest][-1]))
         words[c] = (
@@ -121,6 +158,110 @@ def _rising(rows: Array, step_s: float, channels: Sequence[str]) -> NoNoise | No
         return NoNoise((most,), min(1.0, tests * alone[most]), words[most])
     shown = tuple(int(c) for c in np.flatnonzero(deviance > deviance.max() / 2))
     return NoNoise(shown, min(1.0, tests * together), words[most])
+
+
+def _levels(waves: NDArray[np.complex128], parts: Sequence[NDArray[np.intp]]) -> Array:
+    """(C, K) mean power of each band; none is less than rounding."""
+    level = np.stack([np.mean(np.abs(waves[:, part]) ** 2, axis=1) for part in parts], axis=1)
+    return np.asarray(np.maximum(level, BAND.nothing * level.max(axis=1, keepdims=True)))
+
+
+def _spread(row: Array) -> float:
+    """By how much the power of bands scatters more than that of normal noise: rows (n,) of unequal size make ordinates
+    depend on one another."""
+    return max(1.0, float(np.mean(row**4) / (3 * np.mean(row**2) ** 2)))
+
+
+def _kinds(channels: Sequence[str], rows: Array) -> list[list[int]]:
+    """The channels (C,) of each kind of which there are several that are not constant."""
+    kinds: dict[str, list[int]] = {}
+    for c, name in enumerate(channels):
+        if np.any(rows[c]):
+            kinds.setdefault(kind_of(name, unit_of(name)), []).append(c)
+    return [own for own in kinds.values() if len(own) > 1]
+
+
+def _runs(bands: int) -> list[tuple[int, int, int]]:
+    """Runs of bands [i, j) above those [h, i) below them."""
+    return [(h, i, j) for h, i, j in combinations(range(bands + 1), 3)]
+
+
+def _signed_root(ratio: Array, below: float, own: float) -> Array:
+    """Signed root of the likelihood ratio of a level over that below it, against one level, of so many ordinates."""
+    both = (below + own * ratio) / (below + own)
+    deviance = 2 * ((below + own) * np.log(both) - own * np.log(ratio))
+    return np.asarray(np.sign(ratio - 1.0) * np.sqrt(np.maximum(deviance, 0.0)))
+
+
+def _moving(rows: Array, step_s: float, channels: Sequence[str]) -> NoNoise | None:
+    """The channels of one kind that together show more in some octaves than below; None where no kind has several."""
+    known, kinds = _bands(rows), _kinds(channels, rows)
+    if known is None or not kinds:
+        return None
+    waves, parts = known
+    count = np.array([part.size for part in parts], dtype=float)
+    total = _levels(waves, parts) * count
+    best: tuple[float, list[int], tuple[int, int]] = (-np.inf, kinds[0], (0, len(parts)))
+    for own in kinds:
+        spread = np.sqrt([_spread(rows[c]) for c in own])
+        for h, i, j in _runs(len(parts)):
+            below, above = count[h:i].sum(), count[i:j].sum()
+            ratio = (total[own, i:j].sum(axis=1) / above) / (total[own, h:i].sum(axis=1) / below)
+            z = float(np.sum(_signed_root(ratio, below, above) / spread) / np.sqrt(len(own)))
+            best = max(best, (z, own, (i, j)), key=lambda one: one[0])
+    z, own, (i, j) = best
+    low, high = (float(k / (rows.shape[1] * step_s)) for k in (parts[i][0], parts[j - 1][-1]))
+    words = (
+        f"{', '.join(channels[c] for c in own)} together depart more from {low:.2g} to {high:.2g} Hz than at lower "
+        "frequencies, as noise of sensors does not: something moves that the prediction does not have"
+    )
+    return NoNoise(tuple(own), min(1.0, len(kinds) * len(_runs(len(parts))) * float(ndtr(-z))), words)
+
+
+def hidden_motions(
+    left: Array, step_s: float, omitted: NDArray[np.bool_] | None, channels: Sequence[str]
+) -> tuple[HiddenMotion, ...]:
+    """Of each kind of which there are several channels, how large a motion may be that no test would tell from noise.
+
+    In each octave it is the motion, on all channels of the kind, that `no_noise` tells with a probability of 80 % from
+    what base and claims leave (C, n).
+    """
+    from scipy.optimize import isotonic_regression
+
+    kept = np.ones(left.shape[1], dtype=bool) if omitted is None else ~omitted
+    rows = np.where(kept, left - left[:, kept].mean(axis=1, keepdims=True), 0.0)
+    known, kinds = _bands(rows), _kinds(channels, rows)
+    if known is None:
+        return ()
+    waves, parts = known
+    count = np.array([part.size for part in parts], dtype=float)
+    level = np.stack([isotonic_regression(one, weights=count, increasing=False).x for one in _levels(waves, parts)])
+    tests = TESTS * len(kinds) * len(_runs(len(parts)))
+    needed = float(-ndtri(BAND.chance / tests)) + RIVALS.power_80
+    found = []
+    for own in kinds:
+        root = needed * float(np.mean(np.sqrt([_spread(rows[c]) for c in own]))) / np.sqrt(len(own))
+        octaves = []
+        for i, part in enumerate(parts[1:], start=1):
+            power = min(_needed_power(level[own], count, h, i, root) for h in range(i))
+            low, high = (float(k / (rows.shape[1] * step_s)) for k in (part[0], part[-1]))
+            octaves.append((low, high, float(np.sqrt(2 * power / (rows.shape[1] * kept.sum())))))
+        found.append(HiddenMotion(tuple(channels[c] for c in own), unit_of(channels[own[0]]), tuple(octaves)))
+    return tuple(found)
+
+
+def _needed_power(level: Array, count: Array, h: int, i: int, root: float) -> float:
+    """Power, summed over the ordinates of band i, beside levels (C, K), whose signed root over bands [h, i) is `root`
+    on average."""
+    below = float(count[h:i].sum())
+    reference = np.sum(level[:, h:i] * count[h:i], axis=1) / below
+    least, most = 1.0, 2.0
+    while _signed_root(np.array(most), below, count[i]) < root and most < 1 / BAND.nothing:
+        most *= 2.0
+    for _ in range(BAND.halvings):
+        middle = (least + most) / 2
+        least, most = (middle, most) if _signed_root(np.array(middle), below, count[i]) < root else (least, middle)
+    return float(count[i] * np.mean(most * reference - level[:, i]))
 
 
 def _shared(white: Array, step_s: float, channels: Sequence[str]) -> NoNoise | None:

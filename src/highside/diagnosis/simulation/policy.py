@@ -190,9 +190,11 @@ class BandPolicy:
     """Standard deviations left, in those of noise that is as large at lower frequencies, from which something is left.
     Source: of 1,110 channels of the five kinds of noise of `studies/simulation_honesty.py` none exceeds 1.3; a motion
     that is missing shows 2.5 at a strength of 1e4."""
-    chance: float = 1e-3
+    chance: float = 3e-3
     """Probability of chance below which what is left is no noise. Source: one session in a hundred may raise an alarm
-    (`CandidateSetPolicy.alarm_rate`); a tenth of that is left for this."""
+    (`CandidateSetPolicy.alarm_rate`); a tenth of that is left for each of three tests."""
+    halvings: int = 50
+    """Halvings of an interval in which a level is sought. Source: rounding of doubles."""
     skipped: int = 2
     """Ordinates of the lowest frequencies that are not looked at: a base that is fitted takes of these. Source: what is
     removed with a mean, and its neighbour."""
