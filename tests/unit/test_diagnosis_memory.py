@@ -13,7 +13,7 @@ import pytest
 
 from highside.arrays import Array
 from highside.diagnosis.core.fit import Observed
-from highside.diagnosis.laws import evidence, learning
+from highside.diagnosis.laws import evidence
 from highside.diagnosis.laws.evidence import Families, Whitened
 from highside.diagnosis.laws.groups import groups_of
 from highside.diagnosis.laws.noise import LawNoise, Whitener
@@ -31,7 +31,6 @@ from tests.unit.test_laws_search import offset_of_temp, problem, session
 
 def _nothing_kept(patched: pytest.MonkeyPatch) -> None:
     patched.setattr(evidence, "LAW_EVIDENCE", replace(evidence.LAW_EVIDENCE, kept=0))
-    patched.setattr(learning, "LAW_NOISE", replace(learning.LAW_NOISE, kept=0))
 
 
 def _law_problem() -> LawProblem:

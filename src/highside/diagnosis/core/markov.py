@@ -68,6 +68,18 @@ class LevelNoise:
         result /= np.sqrt(self.variance.T)[:, :, None]
         return np.asarray(result.transpose(1, 2, 0))
 
+    def transposed(self, white: Array) -> Array:
+        """(S, K, n) the transposed filter on whitened columns (S, K, n): with `white`, the inverse covariance times the
+        columns. Back from the last row, what a level takes on is what the rows behind it take from that level."""
+        result = np.ascontiguousarray(white.transpose(2, 0, 1)) / np.sqrt(self.variance.T)[:, :, None]
+        behind = np.zeros(result.shape[1:])
+        gain, decay = (self.decay * self.gain).T[:, :, None], self.decay.T[:, :, None]
+        for t in range(len(result) - 1, -1, -1):
+            taken = gain[t] * behind
+            behind = decay[t] * behind - taken - result[t]
+            result[t] += taken
+        return np.asarray(result.transpose(1, 2, 0))
+
     def white_into(self, columns: Array, out: Array) -> None:
         """The innovations of columns (K, n) under the only setting, written to `out` (K, n)."""
         self._white_banded(columns, out)

@@ -2,12 +2,13 @@
 
 Settings of the noise are compared by inner products of whitened columns. What is whitened under a setting does not
 depend on what else is fitted, so the inner products of two sets of columns are taken once: of what is free, of the
-groups, of a residual. Priors and what the data cannot show turn these small matrices alone.
+groups, of a residual. Of two sets only one goes through the filters, there and back: x' V^-1 y is x times the solved
+y. Priors and what the data cannot show turn these small matrices alone.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Hashable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -25,12 +26,14 @@ from highside.diagnosis.laws.noise import (
     evidence,
     ladder_lengths,
     step_of,
+    transposed_by_ladders,
     white_by_ladders,
 )
 from highside.diagnosis.laws.policy import LAW_EVIDENCE, LAW_NOISE
 from highside.diagnosis.laws.problem import LawProblem
 
 FREE = "free"
+_Filter = Callable[[Array], Array]
 
 
 @dataclass(frozen=True)
@@ -137,23 +140,22 @@ class _Filters:
             np.concatenate([plain, *(a.log_determinant for a in levels), *(b.log_determinant for b in ladders)]),
         )
 
-    def runs(self) -> list[tuple[slice, Callable[[Array], Array]]]:
-        """Runs of settings, and what turns rows (m, n) into those under each of a run, (s, m, n)."""
-        found: list[tuple[slice, Callable[[Array], Array]]] = [(slice(0, 1), lambda rows: (rows / self.sigma)[None])]
+    def runs(self) -> Iterator[tuple[slice, _Filter, _Filter]]:
+        """Runs of settings: what whitens rows, (m, n) to (s, m, n), and the transposed filters on what is white."""
+        yield slice(0, 1), lambda rows: (rows / self.sigma)[None], lambda white: white / self.sigma
+        at = 1
         for made in self.levels:
-            at = found[-1][0].stop
-            found.append((slice(at, at + len(made.gain)), made.white))
-        found.append((slice(found[-1][0].stop, self.share.size), partial(white_by_ladders, self.ladders)))
-        return found
+            yield slice(at, at + len(made.gain)), made.white, made.transposed
+            at += len(made.gain)
+        ladders = self.ladders
+        yield slice(at, at + len(ladders)), partial(white_by_ladders, ladders), partial(transposed_by_ladders, ladders)
 
 
 class _Products:
     """Inner products of one channel under every setting; `scale` is the mean variance of its white noise."""
 
-    def __init__(self, channel: int, filters: _Filters, scale: float, n: int, most: int) -> None:
-        """`most` numbers of whitened columns are kept."""
-        self.channel, self.filters, self.scale, self.n, self.most = channel, filters, scale, n, most
-        self._white: dict[Hashable, Array] = {}
+    def __init__(self, channel: int, filters: _Filters, scale: float, n: int) -> None:
+        self.channel, self.filters, self.scale, self.n = channel, filters, scale, n
         self._blocks: dict[tuple[Hashable, Hashable], Array] = {}
 
     def settings(self, parts: Sequence[_Columns]) -> _Settings:
@@ -189,38 +191,34 @@ class _Products:
         }
         if not lacking:
             return
-        wanted = sorted({k for pair in lacking for k in pair})
-        room = {k: self._room(parts[k], acting[k].size) for k in wanted if parts[k].key not in self._white}
-        for run, white in self.filters.runs():
-            turned = {}
+        sizes = [own.size for own in acting]
+        solved = _to_solve(list(lacking), sizes)
+        wanted = sorted({i for i, j in lacking if i == j} | set(solved.values()))
+        for run, whiten, transposed in self.filters.runs():
             for k in wanted:
-                known = self._white.get(parts[k].key)
-                whole = room.get(k) if known is None else known
-                if known is not None:
-                    turned[k] = known[run]
-                elif whole is not None:
-                    whole[run] = white(parts[k].raw[acting[k], self.channel])
-                    turned[k] = whole[run]
-                else:
-                    turned[k] = np.ascontiguousarray(white(parts[k].raw[acting[k], self.channel]))
-            for (i, j), block in lacking.items():
-                block[run] = turned[i] @ turned[j].transpose(0, 2, 1)
+                white = whiten(parts[k].raw[acting[k], self.channel])
+                if (k, k) in lacking:
+                    lacking[k, k][run] = white @ white.transpose(0, 2, 1)
+                mine = [pair for pair, own in solved.items() if own == k]
+                if not mine:
+                    continue
+                flat = np.ascontiguousarray(transposed(white).transpose(2, 0, 1)).reshape(self.n, -1)
+                for i, j in mine:
+                    other = j if i == k else i
+                    block = parts[other].raw[acting[other], self.channel] @ flat
+                    block = block.reshape(sizes[other], -1, sizes[k]).transpose(1, 0, 2)
+                    lacking[i, j][run] = block if j == k else block.transpose(0, 2, 1)
         self._blocks.update({(parts[i].key, parts[j].key): block for (i, j), block in lacking.items()})
-        for k, whole in room.items():
-            if whole is not None:
-                self._keep(parts[k].key, whole)
 
-    def _room(self, part: _Columns, acting: int) -> Array | None:
-        """(S, m, n) for the whitened columns of a part, where they are few enough to be kept."""
-        shape = self.filters.share.size, acting, self.n
-        return np.empty(shape) if np.prod(shape) <= self.most else None
 
-    def _keep(self, key: Hashable, made: Array) -> None:
-        while self._white and made.size + sum(own.size for own in self._white.values()) > self.most:
-            # what is free comes back with every fit
-            oldest = next((known for known in self._white if known != FREE), FREE)
-            del self._white[oldest]
-        self._white[key] = made
+def _to_solve(pairs: Sequence[tuple[int, int]], sizes: Sequence[int]) -> dict[tuple[int, int], int]:
+    """Of each pair of two parts the one that is solved for: the one with fewer columns, or one that is solved for
+    anyway."""
+    chosen: dict[tuple[int, int], int] = {}
+    for pair in sorted((pair for pair in pairs if pair[0] != pair[1]), key=lambda p: -min(sizes[p[0]], sizes[p[1]])):
+        anyway = [k for k in pair if k in chosen.values()]
+        chosen[pair] = min(anyway or pair, key=lambda k: sizes[k])
+    return chosen
 
 
 def _products_of(problem: LawProblem) -> list[_Products]:
@@ -235,7 +233,7 @@ def _products_of(problem: LawProblem) -> list[_Products]:
         if own is None:
             own = _Filters.of(white, problem.t_s)
             made.append((white, own))
-        found.append(_Products(c, own, mean, problem.n, LAW_NOISE.kept // problem.count))
+        found.append(_Products(c, own, mean, problem.n))
     return found
 
 

@@ -206,6 +206,21 @@ def white_by_ladders(ladders: Sequence[LadderNoise], columns: Array) -> Array:
     return np.asarray(result.transpose(1, 2, 0))
 
 
+def transposed_by_ladders(ladders: Sequence[LadderNoise], white: Array) -> Array:
+    """(R, K, n) the transposed filters on whitened columns (R, K, n), as `LevelNoise.transposed`."""
+    gain = np.stack([one.gain * one.decay for one in ladders], axis=1)[:, :, :, None]
+    decay = ladders[0].decay[:, None, :, None]
+    root = np.sqrt(np.stack([one.variance for one in ladders], axis=1))[:, :, None]
+    result = np.ascontiguousarray(white.transpose(2, 0, 1)) / root
+    behind = np.zeros((*gain.shape[1:3], white.shape[1]))
+    for t in range(len(result) - 1, -1, -1):
+        taken = np.sum(gain[t] * behind, axis=1)
+        behind *= decay[t]
+        behind -= (taken + result[t])[:, None]
+        result[t] += taken
+    return np.asarray(result.transpose(1, 2, 0))
+
+
 def evidence(inner: Array, prior: Array, log_determinant: Array) -> Array:
     """(B,) restricted log evidence from inner products (B, K + 1, K + 1) of columns and, last, the residual.
 

@@ -112,9 +112,6 @@ class LawNoisePolicy:
     """Scatter of a set angle, in units of what the floor makes of it. Source: chosen; a wide grid."""
     ladder_columns: int = 256
     """Columns of one pass of a ladder's filter. Source: a processor's cache of 1 MB."""
-    kept: int = 10_000_000
-    """Numbers of columns whitened under all settings that are kept, of all channels together. Source: memory of 80 MB;
-    inner products of them are kept always."""
     at_once: int = 100_000
     """Settings times values of one pass. Source: the same memory with forty columns."""
     matrices: int = 50_000

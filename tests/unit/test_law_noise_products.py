@@ -1,0 +1,45 @@
+"""Inner products under all settings of the noise: from one pass there and back they are those of whitened columns."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from highside.arrays import Array
+from highside.diagnosis.laws.learning import FREE, _Columns, _Filters, _Products
+
+N = 150
+
+
+def _columns(rng: np.random.Generator, key: str, count: int) -> _Columns:
+    """Of two channels, the first column absent from the second."""
+    raw = rng.standard_normal((count, 2, N))
+    raw[0, 1] *= count == 1
+    return _Columns(key, raw, rng.standard_normal((count, count)))
+
+
+def _of_whitened(filters: _Filters, parts: list[_Columns], channel: int) -> Array:
+    rows = np.concatenate([np.tensordot(part.turn, part.raw[:, channel], 1) for part in parts])
+    found = np.empty((filters.share.size, len(rows), len(rows)))
+    for run, whiten, _ in filters.runs():
+        white = whiten(rows)
+        found[run] = white @ white.transpose(0, 2, 1)
+    return found
+
+
+@pytest.mark.parametrize("channel", [0, 1])
+@pytest.mark.parametrize("even", [True, False])
+def test_products_are_those_of_whitened_columns(channel: int, even: bool) -> None:
+    """Also where some are known from before, and whichever of two parts has fewer columns."""
+    rng = np.random.default_rng(7)
+    t_s = np.arange(N) * 0.02 if even else np.cumsum(rng.uniform(0.5, 2.0, N))
+    white = rng.uniform(0.5, 2.0, N)
+    filters = _Filters.of(white / white.mean(), t_s)
+    free, group, wide = _columns(rng, FREE, 5), _columns(rng, "group", 3), _columns(rng, "wide", 8)
+    residual, clipped = _columns(rng, "residual", 1), _columns(rng, "clipped", 1)
+    products = _Products(channel, filters, 2.5, N)
+    for parts in ([free, residual], [free, group, residual], [free, wide, group, residual], [free, wide, clipped]):
+        found = products.settings(parts).inner
+        wanted = _of_whitened(filters, parts, channel) / 2.5
+        size = np.sqrt(np.einsum("sii->si", wanted))
+        np.testing.assert_array_less(np.abs(found - wanted), 1e-13 * size[:, :, None] * size[:, None, :] + 1e-300)
