@@ -196,6 +196,8 @@ class Outcome:
     alone: tuple[bool, ...] = ()
     held: int = 0
     intervals: int = 0
+    near: tuple[bool, ...] = ()
+    """of a drift: a step of that offset is in the class"""
     nis: float = 1.0
     alarmed: bool = False
     """where noise grew: that something departs was said, too"""
@@ -212,6 +214,7 @@ def run(kind: str, seed: int, conditions: Conditions, what: Departure | None = N
     checks: list[float] = []
     in_class: list[bool] = []
     alone: list[bool] = []
+    near: list[bool] = []
     while well.t_s < conditions.hours * 3600.0:
         begun = well.stepped
         inclination = well.stand(watch)
@@ -233,6 +236,7 @@ def run(kind: str, seed: int, conditions: Conditions, what: Departure | None = N
             (claim,) = watch.result().claims
             in_class.append(what.name in claim.equivalence_class)
             alone.append(claim.equivalence_class == (what.name,))
+            near.append(what.name.replace("drift", "b") in claim.equivalence_class)
             checks.pop(0)
     result = watch.result()
     held = sum(
@@ -244,6 +248,7 @@ def run(kind: str, seed: int, conditions: Conditions, what: Departure | None = N
         outcome,
         in_class=tuple(in_class),
         alone=tuple(alone),
+        near=tuple(near),
         held=held,
         intervals=12 * (what is None),
         nis=result.noise_ratio,
@@ -355,7 +360,11 @@ def _print_others(word: str, found: list[Outcome]) -> None:
     for k in (0, 3, len(LAGS_H) - 1):
         of = [one for one in judged if len(one.in_class) > k]
         right, alone = sum(one.in_class[k] for one in of), sum(one.alone[k] for one in of)
-        print(f"  {LAGS_H[k]:g} h later: right class {right}, wrong {len(of) - right} of {len(of)}, one name {alone}")
+        step = sum(not one.in_class[k] and one.near[k] for one in of if one.near)
+        print(
+            f"  {LAGS_H[k]:g} h later: right class {right}, wrong {len(of) - right} of {len(of)} (of a drift, a step of"
+            f" that offset: {step}), one name {alone}"
+        )
     print(f"  where noise grew: departs was said, too, in {sum(one.alarmed for one in judged)}", flush=True)
 
 

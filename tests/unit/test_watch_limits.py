@@ -1,0 +1,67 @@
+"""The study of what the watch detects: its bound is made apart from the filter, and the departures beside steps."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from highside.watch import Still, Watch
+from studies.watch_limits import FROM_THE_START, Listener, bound, found, row
+from studies.watch_wells import OTHERS, Conditions, Departure, Well, drawn_other, others, stated_prior
+
+SHORT = Conditions(hours=12.0, vibration_g=3.0)
+
+
+@pytest.mark.parametrize("name", ["b_x", "S_zz", "S_xz", "kT_x", "kV_z", "drift_y"])
+def test_the_bound_of_all_measurements_at_once_is_what_the_bank_gathers(name: str) -> None:
+    """Jacobian by differences of the generator's formulas, against the watch's own equations one after the other."""
+    listener, watch = Listener(), Watch(stated_prior())
+    for taker in (listener, watch):
+        well = Well("J", 41_000, SHORT)
+        while well.t_s < SHORT.hours * 3600.0:
+            well.stand(taker)  # type: ignore[arg-type]
+    # a stand begins with a rest, and the bank a new onset with each
+    rests = [one.t_s for one in listener.taken if isinstance(one, Still)]
+    at_s = 0.0 if name.startswith(FROM_THE_START) else rests[len(rests) // 2]
+    std = bound(listener.taken, Departure(name, 1.0, at_s), stated_prior())
+    assert std * np.sqrt(watch.information_of(name, at_s)) == pytest.approx(1.0, rel=1e-6)
+
+
+@pytest.mark.parametrize("name", ["b_x", "noise_step"])
+def test_a_large_departure_is_found_and_none_is_not(name: str) -> None:
+    for size, is_found in ((0.0, False), (3.0 if name == "noise_step" else 2e-3, True)):
+        assert found("J", 41_002, Conditions(hours=20.0), Departure(name, size, 18_000.0)) == is_found
+
+
+def test_a_size_that_was_never_found_counts_as_larger_than_all() -> None:
+    cells = row("bias", "b_x", "g", [(6e-4, 1e-4), (7e-4, 1e-4), (8e-4, 1e-4), None]).split(" | ")
+    assert cells[3:6] == ["0.0007", "0.0006", "1.17"]
+    assert cells[6] == "inf"
+    assert cells[-1] == "1 of 4 |"
+
+
+def test_a_drift_grows_rectification_follows_vibration_and_noise_grows() -> None:
+    well = Well("45", 5, Conditions(hours=10.0), Departure("drift_x", 1e-3, 3600.0))
+    still = Well("45", 5, Conditions(hours=10.0))
+    watches = Watch(stated_prior()), Watch(stated_prior())
+    while well.t_s < 18_000.0:
+        well.stand(watches[0])
+        still.stand(watches[1])
+    assert well.truth[0] - still.truth[0] == pytest.approx(1e-3 * (well.walked_s - 3600.0) / 3600.0, rel=1e-9)
+    louder = Well("45", 5, Conditions(noise=1.4), Departure("noise", 0.5, 3600.0))
+    louder.t_s = 3600.0 * 5.0
+    assert louder.noise == pytest.approx(1.4 * 3.0)
+    for k, word in enumerate(OTHERS):
+        what = drawn_other(word, np.random.default_rng(k), 100.0)
+        assert (what.at_s > 0.0) == (word in ("drift from some time on", "growing noise"))
+
+
+def test_what_grows_and_what_rectifies_is_in_the_class_that_is_said() -> None:
+    """40 wells of each kind are in docs/evidence.md."""
+    for word in OTHERS[:2]:
+        judged = [one for one in others(word, 3, 305_000, Conditions(hours=40.0)) if one.in_class]
+        assert all(one.in_class[0] for one in judged)
+    noisy = others(OTHERS[3], 3, 335_000, Conditions(hours=60.0))
+    reached = [one for one in noisy if one.bound_h is not None]
+    assert reached
+    assert any(one.found_h is not None for one in reached)
