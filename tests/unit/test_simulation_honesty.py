@@ -203,6 +203,16 @@ def test_motion_that_is_too_small_to_be_told_lies_within_the_size_that_is_stated
     assert "rms, by the octave, of ax_g, ay_g, az_g" in words
 
 
+@pytest.mark.parametrize("seed", [33000, 33002])
+def test_motion_that_no_noise_makes_is_located_whatever_the_colour_of_the_noise(seed: int) -> None:
+    """It was not testable: "an error of the noise's colour", which the test does not rest on."""
+    motion = study.Motion(seed)
+    found = study.reported(motion, study.made("missing motion", motion, 5e2), "white", seed, laws=False)
+    assert found.verdict == "unknown"
+    assert set(found.location[0].channels) == {"ax_g", "ay_g", "az_g"}
+    assert any("0.83 to 1.6 Hz" in hint for hint in found.remainder.hints)
+
+
 def test_a_delay_that_changes_is_located_where_it_is_small() -> None:
     """At this strength it was nothing."""
     found = reported("delay by time", 3e2)

@@ -134,7 +134,7 @@ def diagnose_simulation(
     found, report = diagnose(problem, version)
     beside = problem.session
     left = humps(report.after, beside.step_s, beside.omitted, beside.names, beside.units)
-    found = with_humps(found, left)
+    found, departs = with_humps(found, left), None
     if found.verdict == "nothing_left_out":
         rest, white = report.after, problem.noise.white(report.after).reshape(report.after.shape)
         departs = no_noise(rest, white, beside.step_s, beside.omitted, beside.names)
@@ -142,6 +142,9 @@ def diagnose_simulation(
         found = with_hidden_motions(found, hidden_motions(rest, beside.step_s, beside.omitted, beside.names))
     if method.laws:
         found, report = with_channel_laws(problem, found, report)
+    if departs is not None and found.verdict == "unknown":
+        # whatever the colour of the noise: no error of it explains that
+        return found, report
     return with_long_memory(found, beside), report
 
 
