@@ -54,7 +54,7 @@ $(VENV)/.test: requirements-test.lock pyproject.toml
 	touch $(VENV)/.run $(VENV)/.all $@
 
 ## bench: speeds side by side, as ratios
-BENCHMARKS = bulk_attitude bulk_schedule codec_speed diagnosis_speed drift_speed live_cost many_tools broker_cost rotation_speed
+BENCHMARKS = bulk_attitude bulk_schedule codec_speed diagnosis_speed diagnosis_memory drift_speed live_cost many_tools broker_cost rotation_speed
 bench: $(VENV)/.test
 	for name in $(BENCHMARKS); do $(BIN)/python -m tests.bench.$$name || exit 1; done
 

@@ -45,9 +45,9 @@ class DesignPolicy:
     nothing: float = 1e-12
     """g or rad/s; a function that is smaller everywhere is none. Chosen in 4048651; no run is recorded."""
     in_memory: int = 30_000
-    """Rows up to which stored columns stay in memory. Source: ninety of them are 22 MB."""
-    stored: int = 100
-    """Columns that are stored, about. Source: 92 of three channels (`python -m tests.bench.diagnosis_memory`)."""
+    """Rows up to which stored columns stay in memory. Source: 34 of them are 8 MB."""
+    stored: int = 70
+    """Columns that are stored, at most about. Source: 34 of a rotation of three channels, and as many for the gyros."""
     far: int = 1 << 40
     """Numbers from which a function is a shared one, until its place is known: more than any design has. Chosen in
     4048651; no run is recorded."""
