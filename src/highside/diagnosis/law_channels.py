@@ -83,10 +83,9 @@ def _of_channel(
         return np.bincount(number[used], weights=values[used], minlength=count.size) / count
 
     residual = mean(left)
-    within = left[used] - residual[number[used]]
     order = np.argsort(time := mean(problem.session.state.t_s), kind="stable")
-    sigma = float(np.sqrt(np.median(within**2))) / LAW_FLOOR.mad
-    floor = max(sigma, LAW_FLOOR.least * float(np.sqrt(np.mean(problem.session.readings[c] ** 2)))) / np.sqrt(count)
+    least = LAW_FLOOR.least * float(np.sqrt(np.mean(problem.session.readings[c] ** 2)))
+    floor = floor_of_cells(left, number, problem.noise.autocorrelation(c, left.size), least)
     fields = tuple(
         PlaceField(place, name, mean(_field(problem, c, place))[order][None]) for place in PLACES_OF_A_CHANNEL
     )
@@ -96,6 +95,28 @@ def _of_channel(
         residual[order][None], columns, fields, covariates, floor[order][None], time[order], None, (name,)
     )
     return tuple(reported_laws(Search(posed).run()))
+
+
+def floor_of_cells(left: Array, number: NDArray[np.intp], autocorrelation: Array, least: float) -> Array:
+    """(K,) standard deviation of the mean of each cell by noise of an autocorrelation (n,), 1 at no lag.
+
+    `number` (n,) is each row's cell, -1 for none. How large the noise is say the rows (n,) of cells that have several,
+    by how far they lie from the mean of theirs: in noise that is correlated they follow it, as a row follows the mean
+    of few, and the mean of all is less certain than of as many that are independent. It is `least` at least.
+    """
+    rows = np.argsort(number, kind="stable")
+    rows = rows[np.searchsorted(number[rows], 0) :]
+    members = np.split(rows, np.flatnonzero(np.diff(number[rows])) + 1)
+    # in variances of the noise: each row with the mean of its cell, that mean, and how far the row lies from it
+    shared = [autocorrelation[np.abs(own[:, None] - own)].mean(axis=1) for own in members]
+    share = np.array([float(one.mean()) for one in shared])
+    away = [
+        (left[own] - left[own].mean()) / np.sqrt(np.maximum(1.0 + of_mean - 2.0 * one, LAW_FLOOR.apart))
+        for own, one, of_mean in zip(members, shared, share, strict=True)
+        if own.size > 1
+    ]
+    sigma = float(np.median(np.abs(np.concatenate(away)))) / LAW_FLOOR.mad if away else float(np.std(left[rows]))
+    return np.asarray(max(sigma, least) * np.sqrt(share))
 
 
 def _cells(problem: SimulationProblem, c: int) -> tuple[NDArray[np.intp], Array]:

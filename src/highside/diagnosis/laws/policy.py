@@ -247,6 +247,9 @@ class LawFloorPolicy:
     known to a tenth."""
     mad: float = 0.6745
     """Median of the size of a normal deviate. Source: the normal distribution."""
+    apart: float = 0.02
+    """Share of the noise's variance by which rows of a cell differ from its mean, at least. Source: two neighbouring
+    rows of noise that is correlated by 0.96; beyond, an error of that correlation is as large."""
 
 
 LAW_FLOOR = LawFloorPolicy()

@@ -59,6 +59,12 @@ class RotationNoise:
         white *= self.weight[channel, part]
         return white
 
+    def autocorrelation(self, channel: int, lags: int) -> Array:
+        """(lags,) of a channel's noise, 1 at none: that of the process which the filter whitens, by its spectrum."""
+        gain = np.abs(np.fft.rfft(self.filters[channel], max(ROW_NOISE.spectrum, 2 * lags))) ** 2
+        found = np.fft.irfft(1.0 / gain)[:lags]
+        return np.asarray(found / found[0], dtype=float)
+
     def white(self, columns: Array) -> Array:
         """(..., C, N) readings -> (..., C N) in units of the noise, a random walk of an offset left aside."""
         flat = columns.reshape(-1, *columns.shape[-2:])
