@@ -32,9 +32,9 @@ def _of_whitened(filters: _Filters, parts: list[_Columns], channel: int) -> Arra
 def test_products_are_those_of_whitened_columns(channel: int, even: bool) -> None:
     """Also where some are known from before, and whichever of two parts has fewer columns."""
     rng = np.random.default_rng(7)
-    t_s = np.arange(N) * 0.02 if even else np.cumsum(rng.uniform(0.5, 2.0, N))
+    t_s = np.asarray(np.arange(N) * 0.02 if even else np.cumsum(rng.uniform(0.5, 2.0, N)), dtype=np.float64)
     white = rng.uniform(0.5, 2.0, N)
-    filters = _Filters.of(white / white.mean(), t_s)
+    filters = _Filters.of(np.asarray(white / white.mean()), t_s)
     free, group, wide = _columns(rng, FREE, 5), _columns(rng, "group", 3), _columns(rng, "wide", 8)
     residual, clipped = _columns(rng, "residual", 1), _columns(rng, "clipped", 1)
     products = _Products(channel, filters, 2.5, N)
