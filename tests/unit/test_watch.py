@@ -257,6 +257,23 @@ def test_intervals_allow_for_a_random_walk_that_innovations_do_not_show() -> Non
     assert said.parameters["b_y"].std > 1.02 * stated[1]
 
 
+def test_noise_that_grows_within_hours_raises_the_threshold_before_it_is_said() -> None:
+    """Of 200 innovations the last 60 scatter three times as much: the long median has not followed yet."""
+    watch = Watch(a_prior())
+    watch.still(Still(0.0, np.array([0.0, 0.0, 1.0]), 1e-6, 20.0))
+    squares = np.random.default_rng(6).standard_normal(200) ** 2
+    memory, thresholds = watch.memory(), []
+    for grown in (1.0, 3.0):
+        squares[-60:] *= grown**2
+        other = Watch(a_prior())
+        other.recall(replace(memory, arrays={**memory.arrays, "squares": squares.copy()}))
+        said = other.result()
+        assert not said.noise_grown
+        thresholds.append(said.threshold)
+    assert thresholds[0] < 1.5 * POLICY.threshold
+    assert 5.0 * POLICY.threshold < thresholds[1] < 14.0 * POLICY.threshold
+
+
 def test_an_alarm_that_no_hypothesis_explains_any_more_stays_and_no_reading_is_to_be_used() -> None:
     """After an alarm the bank may run out of hypotheses of a reasonable size: that is said, and nothing ends."""
     watch = Watch(a_prior())

@@ -200,7 +200,7 @@ class Watch:
         if self._alarm_s is None:
             self._squares.extend((update.innovations**2).tolist())
         evidence = self._bank.largest()
-        if self._alarm_s is None and evidence > self._policy.threshold * self._grown() ** 2:
+        if self._alarm_s is None and evidence > self._threshold():
             self._alarm_s = t_s
         inclination = float(np.degrees(np.arctan2(np.hypot(self._f[0], self._f[1]), self._f[2])))
         state, covariance = self._believed()
@@ -222,10 +222,18 @@ class Watch:
         deeper = depth_km - self._depth_km
         return Surroundings(warmer, deeper, deeper * self._noise.gravity_per_km)
 
-    def _noise_ratio(self) -> float:
+    def _noise_ratio(self, over: int | None = None) -> float:
+        """Of the last innovations, all that are kept or `over` of them; their median bears a departure that is seen in
+        few."""
         if len(self._squares) < self._policy.scale_from:
             return 1.0
-        return float(np.sqrt(np.median(self._squares) / _MEDIAN_OF_SQUARE))
+        last = np.array(self._squares)[-(over or self._policy.scale_over) :]
+        return float(np.sqrt(np.median(last) / _MEDIAN_OF_SQUARE))
+
+    def _threshold(self) -> float:
+        """Of the evidence: grown with the noise, of some hours or, where that is more, of the last few measurements.
+        Noise that grows within hours would else be read as a departure before the longer median has followed."""
+        return self._policy.threshold * max(self._grown(), self._noise_ratio(self._policy.scale_from)) ** 2
 
     def _grown(self) -> float:
         """How much wider thresholds and standard deviations stand than stated: noise may have grown, and never shrinks
@@ -268,7 +276,7 @@ class Watch:
             stated=stated,
             noise_grown=ratio > self._policy.grown,
             noise_ratio=ratio,
-            threshold=self._policy.threshold * self._grown() ** 2,
+            threshold=self._threshold(),
             duration_s=0.0 if self._start_s is None else self._last_s - self._start_s,
             counts=Counts(self._counts["stills"], self._counts["turns"], dict(self._left_out)),
             covariance=self._widened(self._believed()[1])[:CALIBRATION, :CALIBRATION],
