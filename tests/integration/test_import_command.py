@@ -106,6 +106,22 @@ def test_what_is_uncertain_is_refused_without_a_terminal(bench: Path) -> None:
     assert "named g, but then |a| is 9.84 g; --units m/s2" in done.stderr
 
 
+def test_a_file_is_inspected_and_nothing_is_written(bench: Path) -> None:
+    before = sorted(path.name for path in bench.iterdir())
+    done = highside(bench, "import", "pandas.csv", "--inspect")
+    assert (done.returncode, done.stdout) == (0, "") and "median |a| 9.8" in done.stderr
+    said = json.loads(highside(bench, "import", "pandas.csv", "--inspect", "--json").stdout)
+    assert not said["own"] and said["rows"] == 440
+    assert ["ax_g", "accel_x", "m/s2", "likely"] in [row[:4] for row in said["columns"]]
+    assert said["doubts"] and not any(doubt["open"] for doubt in said["doubts"])
+    said = json.loads(highside(bench, "import", "si.csv", "--inspect", "--json").stdout)
+    assert any(doubt["open"] and "--units m/s2" in doubt["remedy"] for doubt in said["doubts"])
+    assert json.loads(highside(bench, "import", "s.csv", "--inspect", "--json").stdout)["own"]
+    assert sorted(path.name for path in bench.iterdir()) == before
+    done = highside(bench, "import", "s.csv")
+    assert done.returncode == 2 and "--output" in done.stderr and done.stderr.count("\n") == 1
+
+
 def test_that_the_sign_of_gravity_is_assumed_is_said_where_nothing_shows_it(bench: Path) -> None:
     own = pd.read_csv(bench / "s.csv")
     own.drop(columns=["inc_ref_deg", "tf_ref_deg"]).to_csv(bench / "bare.csv", index=False)

@@ -16,7 +16,7 @@ from highside.recording import table as tables
 from highside.recording.frames import Columns, File, FrameT, take
 from highside.recording.table import Table
 
-__all__ = ["read"]
+__all__ = ["is_own", "read"]
 
 
 def read(
@@ -47,7 +47,7 @@ def read(
     given = (mapping, tuple(units), axes, rate_hz, table, part, profile, accept)
     wished = given != (None, (), None, None, None, None, None, False)
     if isinstance(source, str | os.PathLike):
-        if wished or not _is_own(Path(source)):
+        if wished or not is_own(Path(source)):
             looked = inspect_import(
                 source,
                 mapping=mapping,
@@ -71,7 +71,7 @@ def read(
     return Recording.of(take(source, tables.Recording).table)
 
 
-def _is_own(path: Path) -> bool:
+def is_own(path: Path) -> bool:
     """Whether a file says that it is ours: it has a column `t_s`. Raises InputError for one that cannot be opened."""
     data = read_bytes(path)
     where = str(path)

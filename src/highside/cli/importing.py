@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import sys
 from pathlib import Path
@@ -9,13 +10,18 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from highside.cli.say import echo
+from highside.cli.say import echo, echo_json
 from highside.errors import InputError
 from highside.importing.core.wishes import Taken, Wishes, parse_mapping
 
 if TYPE_CHECKING:
     from highside.importing.core.proposal import Proposal
     from highside.importing.joins import Joins
+
+OutputOption = Annotated[
+    Path | None,
+    typer.Option("-o", "--output", help="Recording or pose table to write: .csv, .csv.gz or .parquet."),
+]
 
 _EVIDENCE_SHOWN = 3
 
@@ -24,9 +30,7 @@ def import_file(
     file: Annotated[
         Path, typer.Argument(help="A recording of another program: CSV, Excel, Parquet, MATLAB, HDF5, MCAP, PX4, ROS.")
     ],
-    output: Annotated[
-        Path, typer.Option("-o", "--output", help="Recording or pose table to write: .csv, .csv.gz or .parquet.")
-    ],
+    output: OutputOption = None,
     mapping: Annotated[
         list[str] | None, typer.Option("--map", metavar="NAME=COLUMN[:UNIT]", help="Say what a column is; repeatable.")
     ] = None,
@@ -67,6 +71,8 @@ def import_file(
         str | None, typer.Option("--lag", metavar="SECONDS|measured", help="How late the joined clock is.")
     ] = None,
     yes: Annotated[bool, typer.Option("--yes", help="Take what is shown without a question.")] = False,
+    inspect: Annotated[bool, typer.Option("--inspect", help="Only show what the file seems to hold.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="With --inspect: as JSON, on the standard output.")] = False,
 ) -> None:
     """Turn a recording of another program into a Recording, a table of poses into a pose table: columns, units, time
     and axes with their evidence."""
@@ -76,15 +82,53 @@ def import_file(
     wishes = Wishes(parse_mapping(mapping or []), texts, axes, rate_hz, table, part, poses=poses)
     theirs = Wishes(parse_mapping(reference_map or []), texts)
     joins = Joins.of(tuple(join or ()), tuple(reference or ()), theirs, take, _lag_s(lag))
+    if inspect:
+        _inspect(file, wishes, joins, profile, as_json=as_json)
+        return
     _import(file, output, wishes, joins, profile, yes=yes)
 
 
-def _import(file: Path, output: Path, wishes: Wishes, joins: Joins, profile: str | None, *, yes: bool) -> None:
+def _inspect(file: Path, wishes: Wishes, joins: Joins, profile: str | None, *, as_json: bool) -> None:
+    """Show what would be taken for what, and what must be decided; nothing is written."""
+    from highside.api.any_file import is_own
+    from highside.api.importing import propose_import, rows_of
+    from highside.importing.joins import carry_out, open_joined
+
+    proposal, _, joined, _ = propose_import(file, wishes, joins, profile)
+    others = open_joined(file, joined)
+    doubts = [doubt for each in (proposal, *(other for _, other, _ in others)) for doubt in each.doubts]
+    findings: tuple[str, ...] = ()
+    # what is open cannot be carried out, and is what is asked for here
+    if not any(doubt.open for doubt in doubts):
+        carried = carry_out(proposal, others, joined)
+        findings, doubts = tuple(carried.findings), [*doubts, *carried.doubts]
+    if not as_json:
+        for shown in (proposal, *(other for _, other, _ in others)):
+            _show(shown)
+        for line in findings:
+            echo(f"  {line}", err=True)
+        return
+    said = {
+        "own": is_own(file),
+        "form": proposal.table.form,
+        "rows": proposal.table.n,
+        "columns": [list(row) for each in (proposal, *(other for _, other, _ in others)) for row in rows_of(each)],
+        "kept": list(proposal.kept),
+        "omitted": list(proposal.omitted),
+        "doubts": [{"open": doubt.open, "what": doubt.what, "remedy": doubt.remedy} for doubt in doubts],
+        "findings": list(findings),
+    }
+    echo_json(json.dumps(said))
+
+
+def _import(file: Path, output: Path | None, wishes: Wishes, joins: Joins, profile: str | None, *, yes: bool) -> None:
     from highside.api.importing import propose_import, write_imported
     from highside.importing.files import refuse_doubts, refuse_open
     from highside.importing.joins import carry_out, open_joined
     from highside.importing.profiles import joined_by, store
 
+    if output is None:
+        raise InputError("is missing", field="--output", remedy="name the file to write, or only --inspect this one")
     proposal, together, joined, kept = propose_import(file, wishes, joins, profile)
     _show(proposal)
     ask = sys.stdin.isatty() and not yes

@@ -26,15 +26,18 @@ def serve(
     sessions: Annotated[
         Path | None, typer.Option("--sessions", help="Directory of bench sessions to show: [records] sessions.")
     ] = None,
+    diagnose: Annotated[
+        bool, typer.Option("--diagnose", help="Take recordings for a diagnosis from who has the token.")
+    ] = False,
     overrides: SetOption = None,
 ) -> None:
     """Show every tool at a broker in a browser: attitude, alarms, parts, surveys, log; and, where they are named, the
-    calibrations of a store and the sessions of a bench. Nothing can be commanded."""
+    calibrations of a store and the sessions of a bench; diagnose files. No tool can be commanded."""
     from highside.config.serve import load_serve
     from highside.service.broker_client import check_secrets
     from highside.service.logs import start_logging
 
-    settings = load_serve(config, overrides, records=records, sessions=sessions)
+    settings = load_serve(config, overrides, records=records, sessions=sessions, diagnose=diagnose)
     check_secrets(settings.mqtt)
     settings.records.check()
     start_logging("warning")
@@ -49,6 +52,8 @@ def serve(
     async def until_ended() -> None:
         page = ToolsPage(settings)
         await page.start()
+        if settings.diagnosis.enabled:
+            echo(f"with the right to send files for a diagnosis: {page.link}", err=True)
         echo(f"tools page: {page.address}", err=True)
         ending = asyncio.Event()
         loop = asyncio.get_running_loop()

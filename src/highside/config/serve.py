@@ -1,7 +1,8 @@
 """The configuration of the tools' page: `highside serve --config FILE`, all of it optional.
 
 `[mqtt]`: the broker and the prefix of the topics, as for the service; `[web]`: where the page is served; `[records]`:
-which calibrations and bench sessions are shown. Errors name the field and what is allowed.
+which calibrations and bench sessions are shown; `[diagnosis]`: whether files may be sent for a diagnosis. Errors name
+the field and what is allowed.
 """
 
 from __future__ import annotations
@@ -51,12 +52,21 @@ class RecordsTable(ConfigTable):
                 )
 
 
+class DiagnosisTable(ConfigTable):
+    """Diagnosis of files that are sent to the page, for who has its token."""
+
+    enabled: bool = Field(default=False, description="Whether there is such a page.")
+    upload_mb: int = Field(default=64, ge=1, le=512, description="Largest recording that is taken, MB.")
+    minutes: float = Field(default=30.0, gt=0, le=600, description="A diagnosis that takes longer is ended.")
+
+
 class ServeFile(ConfigTable):
     """The whole file."""
 
     mqtt: MqttSettings = MqttSettings()
     web: WebTable = Field(default=WebTable(port=8766))
     records: RecordsTable = RecordsTable()
+    diagnosis: DiagnosisTable = DiagnosisTable()
 
 
 def load_serve(
@@ -65,9 +75,10 @@ def load_serve(
     *,
     records: Path | None = None,
     sessions: Path | None = None,
+    diagnose: bool = False,
 ) -> ServeFile:
     """Read and validate the file, or the defaults where there is none; `overrides` are `key.path=value`, `records` and
-    `sessions` take the place of `[records]` store and sessions.
+    `sessions` take the place of `[records]` store and sessions, `diagnose` that of `[diagnosis] enabled`.
 
     Raises InputError in one line.
     """
@@ -78,6 +89,8 @@ def load_serve(
     named = {name: str(value) for name, value in (("store", records), ("sessions", sessions)) if value is not None}
     if named:
         tables = merged(tables, {"records": named})
+    if diagnose:
+        tables = merged(tables, {"diagnosis": {"enabled": True}})
     given = parse_overrides(overrides or [])
     try:
         return ServeFile.model_validate(merged(tables, given))

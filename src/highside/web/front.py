@@ -29,16 +29,25 @@ Receive = Callable[[], Awaitable[Message]]
 Send = Callable[[Message], Awaitable[None]]
 App = Callable[[Scope, Receive, Send], Awaitable[None]]
 
+Allowed = Callable[[Request], tuple[int, float] | None]
+"""Bytes of a body and seconds for it, where they are not those of every request"""
 Gate = Callable[[Request], Response | AbstractContextManager[None]]
 
-BODY_MAX = {"/login": 10_000, "/api/session/command": 16_384}
-"""Bytes of a body: a token has a few dozen, a command with the longest note and names in escaped JSON some 9,000."""
+BODY_MAX = {"/login": 10_000, "/api/session/command": 16_384} | dict.fromkeys(
+    ("/diagnosis/look", "/diagnosis/run", "/diagnosis/forget", "/diagnosis/sign-in"), 8_000
+)
+"""Bytes of a body: a token has a few dozen, a command with the longest note and names in escaped JSON some 9,000;
+what is said of columns, 4,000."""
 OTHER_BODY_MAX = 1_000
 """Bytes where nobody reads a body at all."""
 BODY_WITHIN_S = 10.0
 """For the whole body; the longest allowed takes that at 1,600 bytes a second."""
+LARGE_MAX = 2
+"""Bodies beyond those limits that are taken at a time, each of them in the memory while it arrives and is used."""
 DISCARDED = 1_000_000
 """Bytes of a body that is too long which are still read and thrown away, so that its sender stops and reads why."""
+DISCARDED_LIMITS = 4
+"""The same for a long body that would be allowed, as a multiple of its limit."""
 STRANGER_S = 5.0
 """A socket of no page of ours lives that long: enough to be asked to load the page anew."""
 STRANGERS_MAX = 20
@@ -87,6 +96,7 @@ class Front:
         viewers: Viewers,
         offences: Offences,
         gate: Gate,
+        allowed: Allowed = lambda _request: None,
     ) -> None:
         # the name by which servers find the application within
         self.app = app
@@ -94,6 +104,8 @@ class Front:
         self._viewers = viewers
         self._offences = offences
         self._gate = gate
+        self._allowed = allowed
+        self._large = 0
         self._strangers = 0
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -110,13 +122,28 @@ class Front:
         return len(hosts) == 1 and self._names.answers(hosts[0].decode("latin-1"), reached)
 
     async def _http(self, scope: Scope, receive: Receive, send: Send) -> None:
+        allowed = self._allowed(Request(scope)) if self._is_ours(scope) else None
+        if allowed is None:
+            await self._within_limits(scope, receive, send, BODY_MAX.get(scope["path"], OTHER_BODY_MAX), BODY_WITHIN_S)
+        elif self._large >= LARGE_MAX:
+            await _closing(503, "Others are sending files: come back in a minute.")(scope, receive, send)
+        else:
+            self._large += 1
+            try:
+                await self._within_limits(scope, receive, send, *allowed)
+            finally:
+                self._large -= 1
+
+    async def _within_limits(
+        self, scope: Scope, receive: Receive, send: Send, body_max: int, body_within_s: float
+    ) -> None:
         answer: Response | None = None
         body = b""
         if not self._is_ours(scope):
             text = "This server is not known by that name; [web] allowed_hosts says by which others it may be asked."
             answer = _closing(421, text)
         else:
-            taken = await _body(receive, BODY_MAX.get(scope["path"], OTHER_BODY_MAX), _declared(scope))
+            taken = await _body(receive, body_max, body_within_s, _declared(scope))
             answer, body = (taken, b"") if isinstance(taken, Response) else (None, taken)
         passed = answer if answer is not None else self._gate(Request(scope))
         if isinstance(passed, Response):
@@ -137,7 +164,7 @@ class Front:
         page = parse_qs(scope["query_string"].decode("latin-1")).get("client_id", [""])[0]
         if not self._is_ours(scope):
             await _refuse_socket(scope, send, 421, "not known by that name")
-        elif not _of_our_origin(scope):
+        elif not of_our_origin(scope):
             await _refuse_socket(scope, send, 403, "only for pages of this server")
         elif self._viewers.socket_opened(page):
             try:
@@ -178,11 +205,11 @@ def _with_headers(send: Send) -> Send:
     return sent
 
 
-def _of_our_origin(scope: Scope) -> bool:
-    """Whether a page of ours opens this socket, or a program, which has no origin."""
+def of_our_origin(scope: Scope) -> bool:
+    """Whether a page of ours opens this socket or sends this form, or a program, which has no origin."""
     given = [value for name, value in scope["headers"] if name == b"origin"]
     host = next(value for name, value in scope["headers"] if name == b"host")
-    scheme = b"https" if scope.get("scheme") == "wss" else b"http"
+    scheme = b"https" if scope.get("scheme") in ("wss", "https") else b"http"
     return all(origin.lower() == b"%s://%s" % (scheme, host.lower()) for origin in given)
 
 
@@ -192,12 +219,12 @@ def _declared(scope: Scope) -> int:
     return int(given[0]) if given and given[0].isdigit() and len(given[0]) < 20 else 0
 
 
-async def _body(receive: Receive, limit: int, declared: int) -> bytes | Response:
+async def _body(receive: Receive, limit: int, within_s: float, declared: int) -> bytes | Response:
     """The whole body, counted while it is read; or the answer to one that is too long or too slow."""
     got, size = bytearray(), 0
     try:
-        async with asyncio.timeout(BODY_WITHIN_S):
-            while max(size, declared) <= limit or size <= DISCARDED:
+        async with asyncio.timeout(within_s):
+            while max(size, declared) <= limit or size <= max(DISCARDED, DISCARDED_LIMITS * limit):
                 message = await receive()
                 if message["type"] == "http.disconnect":
                     return _closing(400, "The request was not finished.")
@@ -207,7 +234,7 @@ async def _body(receive: Receive, limit: int, declared: int) -> bytes | Response
                 if not message.get("more_body", False):
                     break
     except TimeoutError:
-        return _closing(408, f"The request was not whole within {BODY_WITHIN_S:g} s.")
+        return _closing(408, f"The request was not whole within {within_s:g} s.")
     if max(size, declared) > limit:
         return _closing(413, f"The request is too long: at most {limit} bytes are read here.")
     return bytes(got)

@@ -22,7 +22,7 @@ from highside.config.web import WebTable
 from highside.errors import InputError
 from highside.service.logs import keep_short
 from highside.web.access import COOKIE, COOKIE_MAX_AGE_S, Access
-from highside.web.front import Front, HostNames
+from highside.web.front import Allowed, Front, HostNames
 from highside.web.listen import Server, listening, server_of
 from highside.web.sockets import Offences, Sockets
 from highside.web.viewers import Viewers
@@ -50,11 +50,12 @@ class PageHost:
         *,
         is_page: Callable[[str], bool],
         instead: Answer = lambda _request: None,
+        allowed: Allowed = lambda _request: None,
     ) -> None:
         self.settings = settings
         self.app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
         self.access = Access(settings.read_token())
-        self._is_page, self._instead = is_page, instead
+        self._is_page, self._instead, self._allowed = is_page, instead, allowed
         self._viewers = Viewers(settings.viewers)
         self._server: Server | None = None
         self._task: asyncio.Task[None] | None = None
@@ -136,7 +137,7 @@ class PageHost:
         core.app.add_exception_handler(404, _not_found)
         offences = Offences()
         Sockets(self._viewers, self.access, offences).guard()
-        return Front(self.app, HostNames(self.settings), self._viewers, offences, self._gate)
+        return Front(self.app, HostNames(self.settings), self._viewers, offences, self._gate, self._allowed)
 
     def _gate(self, request: Request) -> Response | AbstractContextManager[None]:
         """What is answered before a page is built: the token, and that all places are taken; else the place."""

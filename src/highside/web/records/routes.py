@@ -44,28 +44,23 @@ _POLICY = (
     "default-src 'none'; style-src 'self'; img-src 'self' data:; form-action 'self'; frame-ancestors 'none';"
     " base-uri 'none'"
 )
-_HEADERS = {"Content-Security-Policy": _POLICY, "Cache-Control": "no-store"}
+HEADERS = {
+    "Content-Security-Policy": _POLICY,
+    "Cache-Control": "no-store",
+    # a form of ours names our origin; without a referrer a browser names none
+    "Referrer-Policy": "same-origin",
+}
+"""Of plain pages."""
 _ID = re.compile(r"[0-9a-f]{64}")
-_FOLDER = Path(__file__).parent
-_STYLE = "".join(
-    (folder).read_text(encoding="utf-8") for folder in (_FOLDER.parent / "tools" / "tools.css", _FOLDER / "records.css")
-)
-
-
-def links(settings: RecordsTable) -> tuple[Link, ...]:
-    """The navigation; empty where there are no pages but those of tools."""
-    found = [Link("/calibrations", "Calibrations")] if settings.store is not None else []
-    found += [Link("/sessions", "Bench sessions")] if settings.sessions is not None else []
-    return (Link("/", "Tools"), *found) if found else ()
 
 
 class RecordPages:
     """The pages of one store and one directory of journals. `serve` adds them to an application."""
 
-    def __init__(self, settings: RecordsTable) -> None:
+    def __init__(self, settings: RecordsTable, links: tuple[Link, ...]) -> None:
         self._calibrations = None if settings.store is None else CalibrationShelf(settings.store)
         self._sessions = None if settings.sessions is None else SessionShelf(settings.sessions, self._calibrations)
-        self._views = Views(links(settings))
+        self._views = Views(links)
         self._quiet = QuietLog(log)
         self._turn = asyncio.Lock()
         self._waiting = 0
@@ -106,26 +101,20 @@ class RecordPages:
             async def report(name: str) -> Response:
                 return await self._answer(lambda: self._report(journals, name))
 
-        if self._calibrations is not None or self._sessions is not None:
-
-            @app.get("/style.css")
-            async def style() -> Response:
-                return Response(_STYLE, media_type="text/css", headers={"Cache-Control": "max-age=3600"})
-
     async def _answer(self, make: Callable[[], Response]) -> Response:
         if self._waiting >= WAITING_MAX:
             page = self._views.trouble("Too many requests at once.", "Come back in a few seconds.")
-            return HTMLResponse(page, 503, {**_HEADERS, "Retry-After": "5"})
+            return HTMLResponse(page, 503, {**HEADERS, "Retry-After": "5"})
         self._waiting += 1
         try:
             async with self._turn:
                 return await asyncio.to_thread(make)
         except HighsideError as error:
-            return HTMLResponse(self._views.trouble("That cannot be shown.", self._told(error)), 404, _HEADERS)
+            return HTMLResponse(self._views.trouble("That cannot be shown.", self._told(error)), 404, HEADERS)
         except Exception as error:  # a defect of ours is one line of the log and one sentence to its reader
             self._quiet.say(logging.ERROR, "defect", "records page: a page failed (%r)", error)
             page = self._views.trouble("That cannot be shown.", "It is a defect of highside; the log has a line of it.")
-            return HTMLResponse(page, 500, _HEADERS)
+            return HTMLResponse(page, 500, HEADERS)
         finally:
             self._waiting -= 1
 
@@ -134,7 +123,7 @@ class RecordPages:
         return told(error, place)
 
     def _page(self, html: str) -> Response:
-        return HTMLResponse(html, headers=_HEADERS)
+        return HTMLResponse(html, headers=HEADERS)
 
     def _list(self, shelf: CalibrationShelf, first: int) -> Response:
         listed = shelf.listed(first, COUNT)
@@ -183,7 +172,7 @@ class RecordPages:
 def _file(shelf: CalibrationShelf, name: str) -> Response:
     record = shelf.record(_id(name))
     shown = {"Content-Disposition": f'attachment; filename="{record.id[:12]}.json"'}
-    return Response(record.to_json(), media_type="application/json", headers={**_HEADERS, **shown})
+    return Response(record.to_json(), media_type="application/json", headers={**HEADERS, **shown})
 
 
 def _id(name: str) -> str:

@@ -4,9 +4,10 @@
     GET  /tool/ID         one tool, live
     GET  /api/tools       the same as the start page (JSON), for programs
 
-and the pages of what is kept (`web.records.routes`), where [records] names it.
+and the pages of what is kept (`web.records.routes`), where [records] names it, and of a diagnosis
+(`web.diagnosis.routes`), where [diagnosis] enables it.
 
-Nothing can be commanded here. Whoever reaches the address may look: it listens on this machine alone unless
+No tool can be commanded here. Whoever reaches the address may look: it listens on this machine alone unless
 `[web] host` says otherwise.
 """
 
@@ -24,14 +25,26 @@ from nicegui import background_tasks, ui
 
 from highside.config.serve import ServeFile
 from highside.service.tasks import ended
+from highside.web.diagnosis.routes import DiagnosisPages
 from highside.web.host import PageHost, notice
-from highside.web.records.routes import RecordPages, links
+from highside.web.navigation import Link
+from highside.web.records.routes import RecordPages
 from highside.web.tools.listener import Listener
 from highside.web.tools.pages import ListView, Shown, ToolView, follow
 from highside.web.tools.state import Tools, ToolState
 
 _STYLE = (Path(__file__).parent / "tools.css").read_text(encoding="utf-8")
+_PLAIN_STYLE = _STYLE + (Path(__file__).parents[1] / "plain.css").read_text(encoding="utf-8")
 _TOOL = "/tool/"
+
+
+def links(settings: ServeFile) -> tuple[Link, ...]:
+    """The navigation; empty where there are no pages but those of tools."""
+    records = settings.records
+    found = [Link("/calibrations", "Calibrations")] if records.store is not None else []
+    found += [Link("/sessions", "Bench sessions")] if records.sessions is not None else []
+    found += [Link("/diagnosis", "Diagnosis")] if settings.diagnosis.enabled else []
+    return (Link("/", "Tools"), *found) if found else ()
 
 
 class ToolsPage:
@@ -41,8 +54,11 @@ class ToolsPage:
         self._settings = settings
         self._tools = Tools(settings.mqtt.prefix)
         self._listener = Listener(settings.mqtt, self._tools)
-        self._shown = Shown(self._tools, self._listener, settings.mqtt, links(settings.records))
-        self._host = PageHost(settings.web, is_page=_is_page, instead=self._unknown)
+        self._links = links(settings)
+        self._shown = Shown(self._tools, self._listener, settings.mqtt, self._links)
+        # made when it is started: it has a folder of its own
+        self._diagnosis: DiagnosisPages | None = None
+        self._host = PageHost(settings.web, is_page=_is_page, instead=self._unknown, allowed=self._allowed)
         self._listening: asyncio.Task[None] | None = None
 
     @property
@@ -54,7 +70,7 @@ class ToolsPage:
         """Listen to the broker and serve. Raises InputError where the address cannot be had, or [web.tls] not be
         used; a broker that is away is no error, the page says so."""
         self._host.app.get("/api/tools")(self._api)
-        RecordPages(self._settings.records).serve(self._host.app)
+        self._add_plain_pages()
         ui.page("/", title="highside", language="en-US", dark=None)(self._list)
         ui.page("/tool/{tool}", title="highside", language="en-US", dark=None)(self._tool)
         await self._host.start()
@@ -65,6 +81,30 @@ class ToolsPage:
         if self._listening is not None:
             await ended(self._listening)
         await self._host.stop()
+        if self._diagnosis is not None:
+            await self._diagnosis.close()
+
+    @property
+    def link(self) -> str:
+        """The start page with the right to send files."""
+        return self._host.link
+
+    def _add_plain_pages(self) -> None:
+        """What is kept, and a diagnosis, as far as they are configured."""
+        app = self._host.app
+        if self._links:
+
+            @app.get("/style.css")
+            async def style() -> Response:
+                return Response(_PLAIN_STYLE, media_type="text/css", headers={"Cache-Control": "max-age=3600"})
+
+        RecordPages(self._settings.records, self._links).serve(app)
+        if self._settings.diagnosis.enabled:
+            self._diagnosis = DiagnosisPages(self._settings.diagnosis, self._links)
+            self._diagnosis.serve(self._host)
+
+    def _allowed(self, request: Request) -> tuple[int, float] | None:
+        return None if self._diagnosis is None else self._diagnosis.allowed(request)
 
     def _unknown(self, request: Request) -> Response | None:
         path = request.url.path
