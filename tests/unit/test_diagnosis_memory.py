@@ -77,7 +77,11 @@ def test_gains_are_the_same_from_columns_made_anew_in_a_part_of_the_memory(
     assert little < 0.6 * much
 
 
-def test_stored_columns_read_back_as_they_were_put() -> None:
+@pytest.mark.parametrize("offsets", [True, False])
+def test_stored_columns_read_back_as_they_were_put(offsets: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also where the system has no reads at an offset of their own."""
+    if not offsets:
+        monkeypatch.delattr(scratch.os, "pread")
     many = DESIGN.in_memory + 5
     columns = np.random.default_rng(1).standard_normal((3, many))
     where = Scratch()
@@ -91,6 +95,13 @@ def test_no_room_for_stored_columns_is_said(monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setattr(scratch.tempfile, "tempdir", "/absent")
     with pytest.raises(InputError, match=r"/absent: has no room for scratch columns of 30001 rows.*TMPDIR"):
         Scratch().put(np.zeros(DESIGN.in_memory + 1))
+
+
+def test_a_scratch_file_that_cannot_be_read_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    stored = Scratch().put(np.zeros(DESIGN.in_memory + 1))
+    monkeypatch.setattr(scratch.os, "pread", lambda *_: b"")
+    with pytest.raises(InputError, match=r"a scratch file cannot be read back .0 of 80 bytes.*TMPDIR"):
+        stored(slice(0, 10))
 
 
 def test_a_design_is_the_same_with_columns_in_a_file(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import os
 import tempfile
+import threading
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import IO
@@ -30,7 +31,8 @@ class Scratch:
     """Where columns (N,) are put; those of no more than `DESIGN.in_memory` rows stay in memory."""
 
     _file: IO[bytes] | None = None
-    _end: int = field(default=0)
+    _end: int = 0
+    _turn: threading.Lock = field(default_factory=threading.Lock)
 
     def put(self, values: Array) -> Stored:
         """The column, to be read run by run. Raises InputError where there is no room for it."""
@@ -57,9 +59,28 @@ class Scratch:
 
         def rows(part: slice) -> Array:
             size = (part.stop - part.start) * _BYTES
-            found = os.pread(file.fileno(), size, begin + part.start * _BYTES)
+            try:
+                found = self._read(file, size, begin + part.start * _BYTES)
+            except OSError as error:
+                raise _unread(error.strerror or str(error)) from None
             if len(found) != size:
-                raise OSError(f"scratch file: {len(found)} of {size} bytes")
+                raise _unread(f"{len(found)} of {size} bytes")
             return np.frombuffer(found)
 
         return rows
+
+    def _read(self, file: IO[bytes], size: int, at: int) -> bytes:
+        """`size` bytes from there. Windows has no reads at an offset of their own: there threads read in turn."""
+        if hasattr(os, "pread"):
+            return os.pread(file.fileno(), size, at)
+        with self._turn:
+            file.seek(at)
+            return file.read(size)
+
+
+def _unread(why: str) -> InputError:
+    return InputError(
+        f"a scratch file cannot be read back ({why})",
+        where=tempfile.gettempdir(),
+        remedy="check the disk, or name another folder by TMPDIR",
+    )
