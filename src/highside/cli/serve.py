@@ -46,7 +46,8 @@ def serve(
     except ModuleNotFoundError as error:
         raise InputError(f"the tools' page needs {error.name}", remedy="pip install 'highside[web]'") from None
     if not settings.web.is_loopback:
-        clear = "" if settings.web.tls is not None else ", and reads along on the way: give [web.tls]"
+        token = ", the token too" if settings.diagnosis.enabled else ""
+        clear = "" if settings.web.tls is not None else f", and reads along on the way{token}: give [web.tls]"
         echo(f"warning: [web] host = {settings.web.host!r}: whoever reaches this machine may look{clear}", err=True)
 
     async def until_ended() -> None:
