@@ -10,7 +10,9 @@ import pytest
 
 import highside
 from highside.calibration.record import parse_record
+from highside.fleet.catalogue import catalogue_of
 from highside.fleet.jobs import Order, row_of
+from highside.fleet.run import _order_of
 from highside.physics.gravity import gravity_direction
 
 TRUE_BIAS_G = 2e-3
@@ -37,6 +39,26 @@ def test_a_pose_table_becomes_a_calibration_record_in_its_row(tmp_path: Path) ->
     assert record.result.b[0] == pytest.approx(TRUE_BIAS_G, abs=1e-6)
     same = highside.calibrate(path).record
     np.testing.assert_array_equal(record.result.A, same.result.A)
+
+
+def test_a_record_is_of_the_tool_that_the_catalogue_names(tmp_path: Path) -> None:
+    """Corrected there, it is another record; a table that names another tool is refused."""
+    path = poses(tmp_path)
+    catalogue = tmp_path / "fleet.csv"
+    catalogue.write_text("uri,tool,serial\nposes.csv,probe-7,0042\n")
+    (entry,) = catalogue_of(str(catalogue))
+    order = _order_of(entry, Order("solve", method="joint"))
+    record = parse_record(row_of(order, path)["record"])
+    assert (record.tool_id, record.serial) == ("probe-7", "0042")
+    catalogue.write_text("uri,tool,serial\nposes.csv,probe-8,0042\n")
+    assert _order_of(catalogue_of(str(catalogue))[0], Order("solve", method="joint")).key != order.key
+    assert _order_of(entry, Order("diagnose")).key == Order("diagnose").key, "a diagnosis is of the recording alone"
+    (unnamed,) = catalogue_of(str(path.parent / "poses.csv*"))
+    assert parse_record(row_of(_order_of(unnamed, Order("solve")), path)["record"]).tool_id == "tool"
+    lines = path.read_text().splitlines()
+    path.write_text("\n".join([lines[0] + ",tool", *(line + ",other" for line in lines[1:])]))
+    row = row_of(order, path)
+    assert row["verdict"] == "error" and "the poses are of tool 'other', not of 'probe-7'" in row["error"]
 
 
 def test_a_pose_set_that_is_refused_is_no_calibration(tmp_path: Path) -> None:

@@ -40,6 +40,8 @@ class Entry:
     """other columns of the catalogue"""
     size: int | None = None
     """bytes, where that is known"""
+    stated: bool = False
+    """whether the catalogue names the tool; else it is the name of the file"""
 
 
 def catalogue_of(place: str) -> list[Entry]:
@@ -89,6 +91,7 @@ def _of_table(path: Path) -> list[Entry]:
                 row.get("lot", "").strip(),
                 _beside(path, row["model"].strip()) if row.get("model", "").strip() else None,
                 {name: cell for name, cell in row.items() if name not in OWN},
+                stated=bool(row.get("tool", "").strip()),
             )
         )
     return entries

@@ -39,6 +39,15 @@ class Order:
     method: str = ""
     """of `solve` and `drift`"""
     version: str = __version__
+    tool: str = ""
+    """of a calibration record, as the catalogue names it"""
+    serial: str = ""
+
+    @property
+    def key(self) -> tuple[str, ...]:
+        """What determines the result besides the recording."""
+        whose = (self.tool, self.serial) if self.tool or self.serial else ()
+        return self.job, self.model, str(self.seed), self.method, self.version, *whose
 
     def model_of(self) -> Model:
         """The model. Raises InputError."""
@@ -90,7 +99,7 @@ def _score_columns(scores: EffectScores) -> dict[str, Any]:
 
 
 def _solve(order: Order, path: Path) -> dict[str, Any]:
-    made = calibrate(path, order.method or "joint")
+    made = calibrate(path, order.method or "joint", tool=order.tool or None, serial=order.serial or None)
     rows = len(made.record.content["pose_table"]["ax"])
     verdict = "refused" if made.refused else "done"
     return {"verdict": verdict, "rows": rows, "record": made.record.to_json(), "record_id": made.record.id}

@@ -109,6 +109,9 @@ def _order_of(entry: Entry, order: Order) -> Order:
     if entry.model is not None:
         own = replace(order, model=read_document(Path(entry.model)).decode("utf-8", "replace"))
     own.model_of()
+    if order.job == "solve":
+        # a record is of a tool; all other results are of a recording
+        own = replace(own, tool=entry.tool if entry.stated else "", serial=entry.more.get("serial", "").strip())
     return own
 
 
@@ -181,7 +184,7 @@ def _outcome(uri: str, order: Order, store: PartStore) -> Outcome:
 
 
 def _key(path: Path, order: Order) -> str:
-    return key_of(read_bytes(path), order.job, order.model, str(order.seed), order.method, order.version)
+    return key_of(read_bytes(path), *order.key)
 
 
 @contextmanager
