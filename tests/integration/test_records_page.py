@@ -136,6 +136,7 @@ async def test_what_is_kept_is_read_in_a_browser_by_the_keyboard(kept: Path) -> 
         await page.locator("tr", has_text="accepted").get_by_role("link").click()
         await expect(page.locator("h1")).to_contain_text("accepted")
         await expect(page.get_by_role("region", name="poses").locator("tbody tr")).to_have_count(6)
+        await expect(page.get_by_role("columnheader", name="attempts")).to_be_visible()
         await in_every_dress(page, "session")
         await page.get_by_role("link", name="report").click()
         await expect(page.locator("h1")).to_contain_text("Session tool-7")

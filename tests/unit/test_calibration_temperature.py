@@ -118,6 +118,7 @@ def test_outside_of_the_range_the_uncertainty_grows_without_a_jump_of_the_value(
 def test_one_temperature_says_that_nothing_is_known_of_others() -> None:
     result = joint_over_temperature(Oven(5).session((25.0,)))
     assert [r.reason for r in result.remarks] == [Reason.TEMPERATURE_SPAN]
+    assert " to " not in result.remarks[0].text, "one temperature is no span"
     poses = Oven(5).session((25.0,))
     with pytest.raises(InputError, match="temp_c"):
         joint_over_temperature(PoseSet.build(poses.a, inc_ref_rad=poses.inc_ref_rad, tf_ref_rad=poses.tf_ref_rad))

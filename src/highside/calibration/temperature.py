@@ -154,12 +154,9 @@ def _with_temperature(
                 )
             )
     if window.max_c - window.min_c < MIN_SPAN_C:
-        remarks.append(
-            Remark(
-                Reason.TEMPERATURE_SPAN,
-                f"made at {window.min_c:.1f} to {window.max_c:.1f} C only: nothing is known of other temperatures",
-            )
-        )
+        ends = dict.fromkeys(f"{end:.1f}" for end in (window.min_c, window.max_c))
+        made = f"made at {' to '.join(ends)} C only: nothing is known of other temperatures"
+        remarks.append(Remark(Reason.TEMPERATURE_SPAN, made))
     local: tuple[Zone, ...] = tuple(z for z in result.zones if z is not zone)
     main = replace(zone, parameters=replace(p, covariance=covariance), temperature=window)
     return replace(result, zones=(main, *local), remarks=tuple(remarks), options=options)
