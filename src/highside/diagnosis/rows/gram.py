@@ -104,6 +104,8 @@ class Gram:
     """rows of each part that count"""
     at: Array
     """(blocks,) middle of each block, in steps"""
+    walked: float = 0.0
+    """steps that a random walk of the noise went on for before the first block, see `_level_noise`"""
 
     @property
     def total(self) -> Array:
@@ -138,7 +140,8 @@ def accumulate(design: Design, noise: RotationNoise, residual: Array) -> tuple[l
     counts = [
         np.bincount(segments.block, weights=(w > 0).astype(float), minlength=blocks).astype(float) for w in noise.weight
     ]
-    return [Gram(*kept, segments.at) for kept in zip(parts, sums, counts, rows, strict=True)], segments
+    walked = 0.0 if design.base.size else float(segments.at[-1] - segments.at[0])
+    return [Gram(*kept, segments.at, walked) for kept in zip(parts, sums, counts, rows, strict=True)], segments
 
 
 @dataclass(frozen=True)
@@ -181,6 +184,8 @@ class RandomWalkGrams:
     log_determinant: Array
     rows: float
     rows_per_block: float
+    before: float = 0.0
+    """how long a random walk went on before the first row, in recordings"""
 
     @classmethod
     def of(cls, gram: Gram) -> RandomWalkGrams:
@@ -188,7 +193,7 @@ class RandomWalkGrams:
         used = gram.counts > 0
         counts = gram.counts[used]
         means = gram.sums[:, used] / counts
-        noise = _level_noise(counts, gram.at[used], MEMORIES)
+        noise = _level_noise(counts, gram.at[used], MEMORIES, gram.walked)
         within = gram.total - (means * counts) @ means.T
         between = noise.white(means)
         return cls(
@@ -196,6 +201,7 @@ class RandomWalkGrams:
             noise.log_determinant,
             float(counts.sum()),
             float(np.median(counts)),
+            float(gram.walked / max(np.ptp(gram.at), 1.0)),
         )
 
     def mean_variance(self, memory: Memory) -> float:
@@ -203,7 +209,7 @@ class RandomWalkGrams:
         white variance of a row: what a random walk gathers before (`_level_noise`) and a third of what it does in them;
         of a level that forgets, two lengths are one value."""
         if np.isinf(memory.length):
-            return memory.upper * self.rows * (1 + 1 / 3)
+            return memory.upper * self.rows * (self.before + 1 / 3)
         return memory.upper / self.rows_per_block * min(1.0, 2 * memory.length * self.rows_per_block / self.rows)
 
     def under(self, memory: Memory) -> Array:
@@ -422,7 +428,8 @@ def _remembered(gram: Gram, picked: Ints, memory: Memory, part: Ints, count: int
     counts, part = gram.counts[used], part[used]
     means = gram.sums[np.ix_(picked, np.flatnonzero(used))] / counts
     own = np.stack([means * (part == k) for k in range(count)])
-    white = _level_noise(counts, gram.at[used], [(memory.length, memory.upper)]).white(own.reshape(-1, counts.size))[0]
+    noise = _level_noise(counts, gram.at[used], [(memory.length, memory.upper)], gram.walked)
+    white = noise.white(own.reshape(-1, counts.size))[0]
     white = white.reshape(own.shape)
     change = np.einsum("ikb,jlb->ijkl", white, white)
     for k in range(count):
@@ -430,15 +437,16 @@ def _remembered(gram: Gram, picked: Ints, memory: Memory, part: Ints, count: int
     return np.asarray(change)
 
 
-def _level_noise(counts: Array, steps: Array, memories: Sequence[tuple[float, float]]) -> LevelNoise:
+def _level_noise(counts: Array, steps: Array, memories: Sequence[tuple[float, float]], walked: float) -> LevelNoise:
     """The noise of the means of blocks (B,) of so many rows, under each (length, share) of `MEMORIES`.
 
-    A random walk did not begin with the recording: it is taken to have gone on for as long before. Then what is
-    constant, an offset or the mean of any column, must exceed what such a walk has gathered.
+    A random walk did not begin with the recording: where nothing takes what is constant it is taken to have gone on for
+    as long before, `walked` steps, so an offset, or any column's mean, must exceed what such a walk has gathered. Where
+    a base takes it, a walk that began earlier leaves the same and only costs likelihood.
     """
     lengths, shares = np.array(memories).T
     typical = float(np.median(counts))
     forgets = np.isfinite(lengths)
     shares = np.where(forgets, shares / typical, shares)
     lengths = np.where(forgets, lengths * typical, np.inf)
-    return LevelNoise.of(1 / counts, steps - steps[0], shares, lengths, walked=float(steps[-1] - steps[0]))
+    return LevelNoise.of(1 / counts, steps - steps[0], shares, lengths, walked)
