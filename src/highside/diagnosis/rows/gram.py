@@ -429,8 +429,7 @@ def _remembered(gram: Gram, picked: Ints, memory: Memory, part: Ints, count: int
     means = gram.sums[np.ix_(picked, np.flatnonzero(used))] / counts
     own = np.stack([means * (part == k) for k in range(count)])
     noise = _level_noise(counts, gram.at[used], [(memory.length, memory.upper)], gram.walked)
-    white = noise.white(own.reshape(-1, counts.size))[0]
-    white = white.reshape(own.shape)
+    white = noise.white(own.reshape(-1, counts.size))[0].reshape(own.shape)
     change = np.einsum("ikb,jlb->ijkl", white, white)
     for k in range(count):
         change[k, k] -= (own[k] * counts) @ own[k].T
@@ -440,9 +439,8 @@ def _remembered(gram: Gram, picked: Ints, memory: Memory, part: Ints, count: int
 def _level_noise(counts: Array, steps: Array, memories: Sequence[tuple[float, float]], walked: float) -> LevelNoise:
     """The noise of the means of blocks (B,) of so many rows, under each (length, share) of `MEMORIES`.
 
-    A random walk did not begin with the recording: where nothing takes what is constant it is taken to have gone on for
-    as long before, `walked` steps, so an offset, or any column's mean, must exceed what such a walk has gathered. Where
-    a base takes it, a walk that began earlier leaves the same and only costs likelihood.
+    A random walk did not begin with the recording: where nothing takes what is constant it had gone on as long before,
+    `walked` steps, and an offset must exceed what it gathered. A base takes that: an older walk only costs likelihood.
     """
     lengths, shares = np.array(memories).T
     typical = float(np.median(counts))
