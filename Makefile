@@ -53,6 +53,11 @@ $(VENV)/.test: requirements-test.lock pyproject.toml
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-build-isolation --no-deps -e .
 	touch $(VENV)/.run $(VENV)/.all $@
 
+## oldest: each extra by itself at the oldest versions that it allows (minutes; `test` tries all of them together)
+.PHONY: oldest
+oldest: packages $(VENV)/.test
+	HIGHSIDE_OLDEST=each $(BIN)/python -m pytest -q tests/integration/test_install.py -k oldest
+
 ## bench: speeds side by side, as ratios
 BENCHMARKS = bulk_attitude bulk_schedule codec_speed diagnosis_speed diagnosis_memory drift_speed live_cost many_tools broker_cost rotation_speed
 bench: $(VENV)/.test
@@ -109,6 +114,22 @@ open-world: $(VENV)/.test
 .PHONY: pictures
 pictures: $(VENV)/.test
 	HIGHSIDE_RENEW_PICTURES=1 $(BIN)/python -m pytest -q tests/integration/test_page_pictures.py -k three_widths
+
+## axe: every state of every page by axe's rules, light and dark, narrow and wide (minutes)
+## firefox: the main pages in Firefox (apt-get install firefox-esr, which the tests of CI do without)
+.PHONY: axe firefox
+axe: $(VENV)/.test
+	PYTHONPATH=. $(BIN)/python tests/integration/axe_walk.py
+firefox: $(VENV)/.test
+	PYTHONPATH=. $(BIN)/python tests/integration/firefox_walk.py
+
+## words: collect the words of pages and documents into the catalogues of all languages, and compile these
+.PHONY: words
+BABEL = $(abspath $(BIN))/pybabel
+words: $(VENV)/.test
+	cd src/highside && $(BABEL) extract -k said_later -k said -k several:1,2 -F ../../.babel.cfg --no-location --project highside -o words/locale/highside.pot .
+	cd src/highside && $(BABEL) update -D highside -i words/locale/highside.pot -d words/locale --no-fuzzy-matching --no-wrap
+	cd src/highside && $(BABEL) compile -D highside -d words/locale && rm words/locale/highside.pot
 
 ## lock: pin every dependency with its hashes (needs uv)
 lock:

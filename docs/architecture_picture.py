@@ -49,6 +49,7 @@ PURPOSE = {
     "reading": "everything from outside, read with bounds",
     "errors": "what a user is told, in one line",
     "plugins": "entry points of other packages",
+    "words": "what is said, in the reader's language",
     "printable": "text from outside, harmless to a terminal",
 }
 

@@ -54,8 +54,11 @@ async def picture(target: Path, seconds: float) -> None:
                 page = await browser.new_page(viewport={"width": 1400, "height": 900})
                 await page.goto(f"{address}tool/tool-7")
                 await page.locator("section.space canvas").wait_for()
+                # the whole page in the window: a change of size for the picture would empty the tool in space
+                height = await page.evaluate("document.scrollingElement.scrollHeight")
+                await page.set_viewport_size({"width": 1400, "height": height})
                 await asyncio.sleep(6.0)
-                await page.screenshot(path=target, full_page=True)
+                await page.screenshot(path=target)
         finally:
             service.terminate()
             await service.wait()

@@ -13,6 +13,7 @@ short. Speeds are measured elsewhere (`tests/bench`, `make bench`).
 | `drift_scenarios`, `drift_limit`, `drift_real` | azimuth: methods, the least drift possible, real recordings |
 | `watch_wells`, `survey_analysis` | the watch and the analysis of surveys over simulated wells |
 | `watch_limits` | sizes of departures that the watch finds, against the Cramer-Rao bound |
+| `watch_noise` | what the watch says where the noise of a sensor changes and nothing else |
 | `watch_real` | false alarms of the watch over open recordings |
 | `rotation_gap` | compensation over a part of the turn that was never seen |
 | `diagnosis_deck` (`rotation_deck`, `rotation_cases`) | the development deck of `highside diagnose` |

@@ -42,6 +42,15 @@ def reported(recording: Columns, prediction: Columns, start_s: float, moved_s: f
     return diagnose_simulation(session, (), method=WHOLE if laws else ProcedureParts.without("laws"))[0]
 
 
+def clock_files() -> tuple[Columns, Columns]:
+    """The recording with its rates, and what optics say that the accelerometers read."""
+    case = clock("clock", "study", 0.0)
+    assert case.prediction is not None
+    with np.load(DATA / "broad" / "07_undisturbed_fast_rotation_B.npz") as z:
+        turned = np.degrees(z["imu_gyr"].T.astype(float))
+    return case.recording | dict(zip(("gx_dps", "gy_dps", "gz_dps"), turned, strict=True)), case.prediction
+
+
 def offset_of(found: DiagnosisResult) -> float | None:
     """Seconds that `time_offset` was given; None where it is not claimed."""
     return next((c.parameters["t0"].value for c in found.claims if c.effect == "time_offset"), None)
@@ -64,19 +73,15 @@ def main() -> None:
     parser.add_argument("--offsets-ms", type=float, nargs="*", default=list(OFFSETS_MS))
     parser.add_argument("--laws", action="store_true", help="with the search for laws, which takes far longer")
     given = parser.parse_args()
-    case = clock("clock", "study", 0.0)
-    assert case.prediction is not None
-    with np.load(DATA / "broad" / "07_undisturbed_fast_rotation_B.npz") as z:
-        turned = np.degrees(z["imu_gyr"].T.astype(float))
-    recording = case.recording | dict(zip(("gx_dps", "gy_dps", "gz_dps"), turned, strict=True))
+    recording, prediction = clock_files()
     table: dict[float, collections.Counter[str]] = {ms: collections.Counter() for ms in given.offsets_ms}
     off: dict[float, list[float]] = {ms: [] for ms in given.offsets_ms}
     for seed in range(given.first_seed, given.first_seed + given.seeds):
         rng = np.random.default_rng(seed)
-        start_s = float(rng.uniform(0.0, case.recording["t_s"][-1] - STRETCH_S))
+        start_s = float(rng.uniform(0.0, recording["t_s"][-1] - STRETCH_S))
         for ms in given.offsets_ms:
             moved_s = float(rng.choice([-1.0, 1.0])) * 1e-3 * ms + float(rng.uniform(-1.7e-3, 1.7e-3))
-            found = reported(recording, case.prediction, start_s, moved_s, laws=given.laws)
+            found = reported(recording, prediction, start_s, moved_s, laws=given.laws)
             word, value = judged(found, OWN_S - moved_s), offset_of(found)
             table[ms][word] += 1
             if value is not None:

@@ -26,6 +26,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
+from multiprocessing import forkserver
 from pathlib import Path
 from typing import Any
 
@@ -121,14 +122,10 @@ def in_joblib(job: str, paths: Sequence[Path], workers: int) -> list[dict[str, A
 def in_fleet(job: str, paths: Sequence[Path], workers: int, store: PartStore) -> list[dict[str, Any]]:
     entries = catalogue_of(str(paths[0].parent))
     finished = run(entries, ORDERS[job], store, workers=workers)
-    return [result(store, finished.keys[str(path)]) for path in paths]
-
-
-def result(store: PartStore, key: str) -> dict[str, Any]:
-    import pyarrow.parquet as pq
-
-    (row,) = pq.read_table(store.folder / "parts" / f"{key}.parquet").to_pylist()
-    return plain(dict(row))
+    # the process of which all others were copies lives on; its processor time and theirs count when it has ended
+    forkserver._forkserver._stop()
+    rows = store.read()
+    return [plain(rows[finished.keys[str(path)]]) for path in paths]
 
 
 @dataclass
@@ -152,12 +149,12 @@ def _used() -> float:
 
 
 def _workers_of(pid: int) -> list[psutil.Process]:
-    """The cluster's processes below one of ours."""
+    """The cluster's processes below one of ours: all are copies of one."""
     found = []
-    for child in psutil.Process(pid).children(recursive=True):
+    for child in psutil.Process(pid).children():
         try:
-            if "spawn_main" in " ".join(child.cmdline()):
-                found.append(child)
+            if "forkserver" in " ".join(child.cmdline()):
+                found += child.children()
         except psutil.Error:
             continue
     return found
@@ -225,7 +222,7 @@ def command_ended(job: str, folder: Path, out: Path, workers: int, ends: int, to
     for turn in range(ends):
         process = subprocess.Popen(own, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         goal = (turn + 1) * total // (ends + 1)
-        while _parts(out) < goal and process.poll() is None:
+        while _rows(out) < goal and process.poll() is None:
             time.sleep(0.05)
         process.kill()
         process.wait()
@@ -233,8 +230,12 @@ def command_ended(job: str, folder: Path, out: Path, workers: int, ends: int, to
     return int(said["computed"]), int(said["there_already"])
 
 
-def _parts(out: Path) -> int:
-    return len([*(out / "parts").glob("*.parquet")]) if (out / "parts").is_dir() else 0
+def _rows(out: Path) -> int:
+    """Rows of all parts; a key that stands in two counts twice."""
+    import pyarrow.parquet as pq
+
+    paths = (out / "parts").glob("[!.]*.parquet") if (out / "parts").is_dir() else ()
+    return sum(pq.read_metadata(path).num_rows for path in paths)
 
 
 def main() -> None:
@@ -285,13 +286,18 @@ def _compare(folder: Path, given: argparse.Namespace) -> None:
         found = in_fleet(job, paths, workers, PartStore(folder / "calm"))
     show("fleet", cost, found, f"; at most {peak.mib:.0f} MiB a worker")
     out = folder / "killed"
-    with killing(given.kills, lambda: _parts(out), n, random.Random(given.seed)) as killed, measured() as cost:
+    with killing(given.kills, lambda: _rows(out), n, random.Random(given.seed)) as killed, measured() as cost:
         found = in_fleet(job, paths, workers, PartStore(out))
-    show("fleet, workers killed", cost, found, f"; {len(killed)} workers killed, {_parts(out)} results")
+    show(
+        "fleet, workers killed",
+        cost,
+        found,
+        f"; {len(killed)} workers killed, {_rows(out)} rows of {len(PartStore(out).read([]))} results",
+    )
     computed, there = command_ended(job, folder / "sessions", folder / "ended", workers, given.ends, n)
     print(
         f"command killed {given.ends} times: the last run computed {computed} and found {there} there; "
-        f"{_parts(folder / 'ended')} results of {n} sessions"
+        f"{_rows(folder / 'ended')} rows of {n} sessions"
     )
 
 

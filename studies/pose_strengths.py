@@ -6,9 +6,10 @@ right stay right as the size increases?
 The 126 poses of `studies.diagnosis_deck`, white noise. A size is the root mean square of what the effect does outside
 of offset, scale factor and misalignment, in standard deviations of the noise: 1 to 10^6. An answer is `named` (the
 truth is in the class of a claim), `near` (it is not named, but among what the remainder resembles), `placed` (refused,
-with a place), `refused`, `wrong` (another name or law alone) or `nothing`. A sweep is monotone if after `named` nothing
-but `named`, `near` or `placed` follows, and after any alarm no `nothing`. Sizes beyond the plausible range of an effect
-are reported as such by the engine (`implausible_fit`), which counts as `near` or `placed`.
+with a place), `refused`, `wander` (taken for a random walk, which none of these is), `wrong` (another name or law
+alone) or `nothing`. A sweep is monotone if after `named` nothing but `named`, `near` or `placed` follows, and after any
+alarm no `nothing`. Sizes beyond the plausible range of an effect are reported as such by the engine
+(`implausible_fit`), which counts as `near` or `placed`.
 """
 
 from __future__ import annotations
@@ -44,6 +45,9 @@ def judged(found: DiagnosisResult, truth: str) -> str:
         return "named"
     if found.claims:
         return "wrong"
+    if found.verdict == "wander":
+        # none of these departures is a random walk, whatever the remainder resembles beside it
+        return "wander"
     if truth in (*found.remainder.resembles, *found.remainder.changing):
         return "near"
     return "placed" if found.location else "refused"
@@ -53,7 +57,7 @@ def monotone(words: list[str]) -> bool:
     """Whether a sweep of growing sizes forgets nothing."""
     first = words.index("named") if "named" in words else len(words)
     alarm = next((k for k, word in enumerate(words) if word != "nothing"), len(words))
-    return not {"wrong", "refused", "nothing"} & set(words[first:]) and "nothing" not in words[alarm:]
+    return not {"wrong", "refused", "wander", "nothing"} & set(words[first:]) and "nothing" not in words[alarm:]
 
 
 def main() -> None:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from highside.diagnosis.core.fit import Observed
+from highside.diagnosis.core.observed import Observed
 from highside.diagnosis.rows.session import RotationSession
 from highside.physics import effects as library
 from highside.physics.forward import ForwardModel

@@ -1,7 +1,8 @@
 """Short rotations with what was hard for `highside diagnose`: several effects at once, orders of the turn, coloured
-nulls, jitter beside noise that is correlated, laws of gyros. Each case is drawn from its seed.
+nulls, jitter beside noise that is correlated, laws of gyros, sizes that change. Each case is drawn from its seed.
 
-    python -m studies.rotation_open mixtures|orders|nulls|gyros|jitter [--first-seed 0] [--seeds 20] [--kind ...]
+    python -m studies.rotation_open mixtures|orders|nulls|gyros|jitter|sizes [--first-seed 0] [--seeds 20] [--kind ...]
+        [--strength ...] [--names-alone]
 
 A design: six steady rates of both senses up to 1.6 turns a second, 12 s each at 25 Hz (1,900 rows; the nulls as
 `--rows` says, at 50 Hz), inclination 25 to 85 deg, a temperature loop, vibration that differs from rate to rate.
@@ -19,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
+from highside.diagnosis.core.method import ProcedureParts
 from highside.diagnosis.core.result import Claim, DiagnosisResult
 from highside.diagnosis.engine import diagnose_rotation
 from highside.diagnosis.rows.session import RotationSession
@@ -204,12 +206,47 @@ def jittered(seed: int) -> Drawn:
     return Drawn(RotationSession(readings, state), ("sampling_jitter", *truth), note)
 
 
+KINDS = ("0.7", "0.9", "0.97", "0.99", "1/f", "walk")
+"""of nulls: coefficients of AR(1) noise, and what has a spectrum of its own"""
+COURSES = ("constant", "step", "ramp", "wave", "half wave")
+"""how the size of an effect goes over the session, its mean about 1"""
+
+
+def course_of(name: str, u: Array, rng: np.random.Generator) -> Array:
+    """(n,) size at instants `u` of 0 to 1 in units of its mean."""
+    if name == "step":
+        return np.where(u < rng.uniform(0.35, 0.65), 1.3, 0.7)
+    if name == "ramp":
+        return 0.5 + u
+    if name == "wave":
+        return 1 + 0.4 * np.cos(2 * np.pi * u + rng.uniform(0, 2 * np.pi))
+    return 1 + 0.5 * np.cos(np.pi * u) if name == "half wave" else np.ones_like(u)
+
+
+def changing_size(seed: int, course: str, strength: float) -> Drawn:
+    """One effect of the library whose size is constant or changes over the session, beside AR(1) noise of 0.4."""
+    rng = np.random.default_rng([seed, 36, *course.encode()])
+    state = design(rng)
+    sensor, noise = cases._sensor(rng, False), _noise(state, 0.4)
+    name = ("lever_arm", "size_effect", "vibration_rectification", "temperature_bias", "backlash")[seed % 5]
+    base, clean = cases._base(sensor, state, False), predicted(sensor, state, False)
+    values = sized(sensor, state, name, clean, base, noise, strength, rng)
+    added = predicted(sensor.with_effects({name: values}), state, False) - clean
+    size = course_of(course, (state.t_s - state.t_s[0]) / np.ptp(state.t_s), rng)
+    return Drawn(RotationSession(clean + size * added + noise.draw(rng), state), (name,), f"{course} {name}")
+
+
 def judged(drawn: Drawn, found: DiagnosisResult) -> tuple[str, int]:
     """In a word, and how many of the effects are named or in the class of a name."""
     names = [c for c in found.claims if c.law is None]
     laws = [c for c in found.claims if c.law is not None]
     covered = {t for t in drawn.truth if any(t in (c.effect, *c.equivalence_class) for c in found.claims)}
     wrong = [c for c in names if not set(drawn.truth) & {c.effect, *c.equivalence_class}]
+    course = next((name for name in COURSES[1:] if drawn.note.startswith(f"{name} ")), None)
+    if course is not None and covered:
+        # a name beside a law of what its size follows, or with its doubt, says that it is no constant
+        told = bool(laws) or any("may be no constant" in hint for hint in found.remainder.hints)
+        return "named, its change told" if told else "named as constant", len(covered)
     if " order " in drawn.note and not wrong and found.claims:
         where = drawn.note.split(" order ")[0]
         right = [c for c in laws if c.place == "toolface" or (where != "toolface" and where in c.channels)]
@@ -237,37 +274,44 @@ def said(claim: Claim) -> str:
     return claim.effect + formula + (f" or {' '.join(more[:4])}" if more else "")
 
 
-def drawn_cases(given: argparse.Namespace) -> Iterator[tuple[str, Drawn]]:
-    """The cases asked for, with the group each counts in."""
+def drawn_cases(given: argparse.Namespace) -> Iterator[tuple[int, str, Drawn]]:
+    """The cases asked for, with the seed of each and the group it counts in."""
     for seed in range(given.first_seed, given.first_seed + given.seeds):
         if given.group == "mixtures":
-            yield "mixtures", mixture(seed)
+            yield seed, "mixtures", mixture(seed)
         elif given.group == "orders":
-            yield "orders", order(seed)
+            yield seed, "orders", order(seed)
         elif given.group == "gyros":
-            yield "gyros", gyro_law(seed)
+            yield seed, "gyros", gyro_law(seed)
         elif given.group == "jitter":
-            yield "jitter", jittered(seed)
+            yield seed, "jitter", jittered(seed)
+        elif given.group == "sizes":
+            for strength in given.strength:
+                for course in given.kind or COURSES:
+                    yield seed, f"{course} {strength:g}", changing_size(seed, course, strength)
         else:
-            for kind in given.kind:
-                yield kind, null(seed, kind, given.rows)
+            for kind in given.kind or KINDS:
+                yield seed, kind, null(seed, kind, given.rows)
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("group", choices=["mixtures", "orders", "nulls", "gyros", "jitter"])
+    parser.add_argument("group", choices=["mixtures", "orders", "nulls", "gyros", "jitter", "sizes"])
     parser.add_argument("--first-seed", type=int, default=0)
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--rows", type=int, default=1200)
-    parser.add_argument("--kind", nargs="*", default=["0.9", "0.97", "0.99", "1/f", "walk"])
+    parser.add_argument("--kind", nargs="*", help="of nulls or sizes: all where absent")
+    parser.add_argument("--strength", type=float, nargs="*", default=[1e3, 1e4])
+    parser.add_argument("--names-alone", action="store_true", help="without the search for laws")
     given = parser.parse_args()
+    method = ProcedureParts(laws=not given.names_alone)
     tally: dict[str, Counter[str]] = {}
     named = [0, 0]
-    for seed, (group, drawn) in enumerate(drawn_cases(given), given.first_seed):
+    for seed, group, drawn in drawn_cases(given):
         began = time.process_time()
         gyros = len(drawn.session.readings) > len("xyz")
         free = (*FREE, *GYRO_FREE) if gyros else FREE
-        found, _ = diagnose_rotation(drawn.session, ForwardModel.of({}), free)
+        found, _ = diagnose_rotation(drawn.session, ForwardModel.of({}), free, method=method)
         word, count = judged(drawn, found)
         tally.setdefault(group, Counter())[word] += 1
         named = [named[0] + count, named[1] + len(drawn.truth)]

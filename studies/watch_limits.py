@@ -33,7 +33,7 @@ KINDS = (
 )
 """Class, departure, unit. The generator treats x and y alike: coefficients and drifts of y are left out."""
 FROM_THE_START = ("kT", "kV", "drift")
-"""no onset: a coefficient is what it is, a drift is looked for from the start of the watch"""
+"""no onset: a coefficient is what it is; drifts that begin later are in `studies.watch_wells --others`"""
 SHARES = {50: 0.0, 90: 1.2816}
 """percent found, and by how many standard deviations the bound must pass the threshold for it"""
 STEPS = 6
@@ -132,7 +132,8 @@ def bound(taken: list[Still | Turning], what: Departure, prior: Prior) -> float:
     V = np.eye(t.size) + J @ P @ J.T + (J @ prior.process_noise @ J.T) * np.minimum.outer(hours, hours)
     direction = np.zeros(SIZE)
     direction[what.places] = 1.0
-    course = hours if what.name.startswith("drift") else 1.0 * (t >= what.at_s)
+    begun = t >= what.at_s
+    course = begun * (hours - hours[np.argmax(begun)]) if what.name.startswith("drift") else 1.0 * begun
     signature = (J @ direction) * course
     return float(1.0 / np.sqrt(signature @ np.linalg.solve(V, signature)))
 

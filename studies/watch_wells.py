@@ -11,6 +11,7 @@ the frame level, rows of accelerometers and gyros through a recording, is `frame
 from __future__ import annotations
 
 import argparse
+import math
 import time
 from dataclasses import dataclass, replace
 
@@ -25,19 +26,26 @@ G0 = 9.80665
 WELLS = ("J", "S", "vertical", "45", "88")
 RECORD_STD = 1e-5
 """g, and ratio: of the record alone; the tool's repeatability is `STATED.repeat_g`"""
+FLICKER_H = np.geomspace(0.02, 200.0, 17)
+"""1/f noise is made of these: first-order processes of equal variance, four correlation times (h) a decade"""
+FLICKERING = replace(STATED, still_floor_g=3.5e-5, window_floor_g=4e-5, offset_random_walk=2e-5)
+"""what the watch of a tool with 1/f noise of 30 ug is told"""
 KT_STD = 1e-6
 """g/degC: the record was made over temperatures"""
 
 
 @dataclass(frozen=True)
 class Conditions:
-    """Of a well beyond what the tool's class states: factors of noise, walk and whirl; the largest vibration, g rms."""
+    """Of a well beyond what the tool's class states: factors of noise, walk and whirl; the largest vibration, g rms;
+    1/f noise of each offset, g rms; what the watch is told of the tool's class."""
 
     noise: float = 1.0
     walk: float = 1.0
     whirl: float = 1.0
     hours: float = 100.0
     vibration_g: float = 0.0
+    flicker_g: float = 0.0
+    told: StatedNoise = STATED
 
 
 @dataclass(frozen=True)
@@ -83,6 +91,9 @@ class Well:
         self.truth = rng.standard_normal(SIZE) * np.sqrt(np.diag(own.covariance))
         self.truth[INDEX["growth"]] = 0.0
         self.per_km = 1.05e-4 + 2.4e-5 * rng.uniform(-1.5, 1.5)
+        self.flicker = np.zeros((3, FLICKER_H.size))
+        if conditions.flicker_g:
+            self.flicker = rng.standard_normal(self.flicker.shape) * conditions.flicker_g / np.sqrt(FLICKER_H.size)
         self.t_s, self.walked_s = 0.0, 0.0
         self.stepped = False
 
@@ -90,6 +101,10 @@ class Well:
         before_s, hours = self.walked_s, (t_s - self.walked_s) / 3600.0
         step = 5e-6 * self.conditions.walk * np.sqrt(hours)
         self.truth[:12] += step * self.rng.standard_normal(12)
+        if self.conditions.flicker_g:
+            kept = np.exp(-hours / FLICKER_H)
+            new = self.conditions.flicker_g * np.sqrt((1.0 - kept**2) / FLICKER_H.size)
+            self.flicker = kept * self.flicker + new * self.rng.standard_normal(self.flicker.shape)
         self.walked_s = t_s
         what = self.departure
         if what is None or t_s < what.at_s:
@@ -120,6 +135,9 @@ class Well:
         f = f * (1.0 + t[INDEX["gravity"]] + self.per_km * 3.0 * share)
         return np.asarray((np.eye(3) + S) @ f)
 
+    def _offset(self, temp: float) -> Array:
+        return np.asarray(self.truth[:3] + self.truth[12:15] * (temp - 20.0) + self.flicker.sum(axis=1))
+
     def stand(self, watch: Watch) -> float:
         """Feed the next stand; its inclination in deg."""
         rng = self.rng
@@ -129,7 +147,7 @@ class Well:
         temp = 20.0 + 100.0 * share
         self._advance(self.t_s)
         depth = 3.0 * share
-        offset = self.truth[:3] + self.truth[12:15] * (temp - 20.0)
+        offset = self._offset(temp)
         toolface, lasts = rng.uniform(0.0, 2.0 * np.pi), rng.uniform(60.0, 300.0)
         f = _direction(inclination, toolface)
         std = 3e-5 * self.noise / np.sqrt(2.0 * lasts)
@@ -139,7 +157,7 @@ class Well:
         for _ in range(2 if rng.random() < 0.8 else 0):
             self.t_s += 330.0
             self._advance(self.t_s)
-            watch.turning(self._turn(inclination, offset, temp, depth))
+            watch.turning(self._turn(inclination, self._offset(temp), temp, depth))
         return float(np.degrees(inclination))
 
     def _turn(self, inclination: float, offset: Array, temp: float, depth: float) -> Turning:
@@ -196,6 +214,8 @@ class Outcome:
     alone: tuple[bool, ...] = ()
     held: int = 0
     intervals: int = 0
+    computed: float = 0.0
+    """of these intervals how many should hold the truth, by `_computed`"""
     near: tuple[bool, ...] = ()
     """of a drift: a step of that offset is in the class"""
     nis: float = 1.0
@@ -208,7 +228,7 @@ LAGS_H = (0.0, 1.0, 3.0, 6.0, 12.0, 24.0)
 
 def run(kind: str, seed: int, conditions: Conditions, what: Departure | None = None) -> Outcome:
     """One well."""
-    well, watch = Well(kind, seed, conditions, what), Watch(stated_prior())
+    well, watch = Well(kind, seed, conditions, what), Watch(stated_prior(conditions.told))
     outcome = Outcome(conditions.hours, None)
     need = np.sqrt(POLICY.threshold) + POLICY.power
     checks: list[float] = []
@@ -225,7 +245,7 @@ def run(kind: str, seed: int, conditions: Conditions, what: Departure | None = N
         since = (well.t_s - what.at_s) / 3600.0
         if not begun:
             outcome = replace(outcome, quiet_h=what.at_s / 3600.0, relevant=_relevant(what, inclination))
-        if outcome.bound_h is None and _reach(what, watch, since) >= need:
+        if outcome.bound_h is None and _reach(what, watch) >= need:
             outcome = replace(outcome, bound_h=since)
         if watch.alarm_s is None:
             continue
@@ -238,6 +258,8 @@ def run(kind: str, seed: int, conditions: Conditions, what: Departure | None = N
             alone.append(claim.equivalence_class == (what.name,))
             near.append(what.name.replace("drift", "b") in claim.equivalence_class)
             checks.pop(0)
+        if not checks and outcome.bound_h is not None:
+            break
     result = watch.result()
     held = sum(
         abs(one.value - well.truth[INDEX[name]]) < 1.96 * one.std
@@ -251,15 +273,23 @@ def run(kind: str, seed: int, conditions: Conditions, what: Departure | None = N
         near=tuple(near),
         held=held,
         intervals=12 * (what is None),
+        computed=_computed(watch, conditions.walk) if what is None else 0.0,
         nis=result.noise_ratio,
     )
 
 
-def _reach(what: Departure, watch: Watch, since_h: float) -> float:
-    """Size over its standard deviation by the Cramer-Rao bound; of a drift that began later that of a step of what it
-    has grown to."""
-    if what.name.startswith("drift") and what.at_s > 0.0:
-        return float(abs(what.size) * since_h * np.sqrt(watch.information_of(f"b_{what.name[-1]}", what.at_s)))
+def _computed(watch: Watch, walk: float) -> float:
+    """How many of the twelve 95 % intervals hold the truth where the random walk is `walk` times the stated: without
+    draws, from the covariance that the filter has and what the rest of the walk leaves through the same gains."""
+    known = watch.memory().arrays
+    own, walked = (np.diag(known[name])[:12] for name in ("covariance", "walked"))
+    true = np.sqrt(own + (walk**2 - 1.0) * walked)
+    stated = np.array([one.std for one in list(watch.result().parameters.values())[:12]])
+    return float(sum(math.erf(1.96 * z / math.sqrt(2.0)) for z in stated / true))
+
+
+def _reach(what: Departure, watch: Watch) -> float:
+    """Size over its standard deviation by the Cramer-Rao bound."""
     return float(abs(what.size) * np.sqrt(watch.information_of(what.name, what.at_s)))
 
 
@@ -401,22 +431,28 @@ def main() -> None:
     parser.add_argument(
         "--walk", action="store_true", help="also wells whose random walk alone is 1.5 times the stated"
     )
+    parser.add_argument(
+        "--flicker", action="store_true", help="also wells with 1/f noise of 30 ug, whirl, and a watch that is told so"
+    )
     parser.add_argument("--others", type=int, default=0, help="wells each with rectification, drifts, growing noise")
     args = parser.parse_args()
     stated = Conditions(hours=args.hours)
     ways = [("as stated", stated), ("noise 1.4 and walk 1.5 times the stated", replace(stated, noise=1.4, walk=1.5))]
     if args.walk:
         ways.append(("walk 1.5 times the stated", replace(stated, walk=1.5)))
+    if args.flicker:
+        ways.append(("1/f noise of 30 ug, as the watch is told", replace(stated, flicker_g=3e-5, told=FLICKERING)))
     for word, conditions in ways if args.wells else ():
         begun = time.process_time()
         found = quiet(args.wells, args.first_seed, conditions)
         hours = sum(one.quiet_h for one in found)
         false = sum(one.false_h is not None for one in found)
         held, of = sum(one.held for one in found), sum(one.intervals for one in found)
+        computed, ratio = sum(one.computed for one in found), np.median([one.nis for one in found])
         print(
             f"{word}: {false} false departures in {hours:.0f} h, {false / hours * 1000:.2f} per 1,000 h"
             f" (below {upper_95(false, hours):.2f}, 95 %); intervals of b and S hold {100 * held / max(of, 1):.1f} %"
-            f" of {of}; noise ratio {np.median([one.nis for one in found]):.2f};"
+            f" of {of} (computed {100 * computed / max(of, 1):.1f} %); noise ratio {ratio:.2f};"
             f" {time.process_time() - begun:.0f} s of processor"
         )
     if args.departures:

@@ -97,12 +97,16 @@ AREAS: dict[str, Area] = {
         "Rotor angles and errors do not determine a compensation.",
         "Record more of the circle, or both directions, as the message says.",
     ),
+    "scratch_arrays": Area(
+        "Columns of a recording that is too long for the memory cannot be kept in the folder for temporary files.",
+        "Make room there, or name another folder by TMPDIR.",
+    ),
     "service": Area(
         "The service cannot start or go on: a place, a port, a secret or the broker.",
         "`highside doctor --config FILE` tries each and says what to do.",
     ),
     "shown": Area("A picture cannot be drawn.", "Install the extra that is named, or take another result."),
-    "web": Area("The bench page cannot be offered: its address, certificate or token.", "Correct `[web]`."),
+    "web": Area("A page cannot be offered: its address, certificate, token or users.", "Correct `[web]`."),
 }
 """By the package that raises; `highside.errors` itself knows none of them."""
 

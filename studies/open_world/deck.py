@@ -27,6 +27,8 @@ Makers = dict[str, Callable[[], Case]]
 
 SWEEP = (30.0, 100.0, 400.0, 1e3, 1e4, 1e5, 1e6, 1e7)
 """strengths at which the same law is hidden"""
+KINDS = ("poses", "rotation")
+"""designs, by turns"""
 LARGEST = {
     "offset": 0.2, "scale": 0.2, "matrix": 0.2, "inclination": 0.2, "toolface": 0.2, "timing": 0.5, "level": 0.2,
     "gyro_offset": 0.2, "gyro_scale": 0.2,
@@ -47,6 +49,12 @@ class Size:
 def rng_of(seed: str, name: str) -> np.random.Generator:
     """Random numbers of one case alone: the same whatever else of the deck is made."""
     return np.random.default_rng(list(hashlib.sha256(f"{seed}/{name}".encode()).digest()[:16]))
+
+
+def kind_of(name: str) -> str:
+    """Design of a case of this deck, by its name; of another, none."""
+    group, *rest = name.split("/")
+    return KINDS[int(rest[0]) % 2] if group in ("law", "null", "known", "sweep") else ""
 
 
 def cases(seed: str, size: Size) -> Makers:
@@ -133,7 +141,7 @@ def visited(first: Session, second: Session, hidden: tuple[Law, ...]) -> np.ndar
 def law_case(name: str, seed: str, k: int) -> Case:
     """One to four laws; designs and noises by turns, everything else drawn."""
     rng = rng_of(seed, name)
-    kind = ("poses", "rotation")[k % 2]
+    kind = KINDS[k % 2]
     # half white, so that both bars have their cases
     noise_kind = "white" if k % 4 < 2 else noises.KINDS[1 + (k // 4) % (len(noises.KINDS) - 1)]
     count = int(rng.choice([1, 2, 3, 4], p=[0.6, 0.25, 0.1, 0.05]))
@@ -166,7 +174,7 @@ def _shows(second: Session, noise: Noise, truth: np.ndarray, strength: float) ->
 def null_case(name: str, seed: str, k: int) -> Case:
     """Nothing hidden."""
     rng = rng_of(seed, name)
-    s = _session(rng, ("poses", "rotation")[k % 2])
+    s = _session(rng, KINDS[k % 2])
     noise = noises.drawn(rng, s, noises.KINDS[(k // 2) % len(noises.KINDS)])
     return built(name, "null", rng, s, noise, (), world.drawn_sensor(rng), None)
 
@@ -174,7 +182,7 @@ def null_case(name: str, seed: str, k: int) -> Case:
 def sweep_case(name: str, seed: str, k: int, strength: float) -> Case:
     """The same law and the same noise at every strength: its random numbers are those of the sweep."""
     rng = rng_of(seed, f"sweep/{k}")
-    s = _session(rng, ("poses", "rotation")[k % 2])
+    s = _session(rng, KINDS[k % 2])
     noise = noises.drawn(rng, s, noises.KINDS[(k // 2) % len(noises.KINDS)])
     sensor = world.drawn_sensor(rng)
     law = sized(s, sensor, laws.drawn_law(rng, s, repeats=True), noise, strength)
@@ -190,7 +198,7 @@ ENDLESS = frozenset({"tone", "aliased_vibration", "clock_skew"})
 def known_case(name: str, seed: str, k: int) -> Case:
     """One effect of the library, or two; made by the other deck's world, which steps it through time."""
     rng = rng_of(seed, name)
-    kind = ("poses", "rotation")[k % 2]
+    kind = KINDS[k % 2]
     drawn = library_deck.POSE_EFFECTS if kind == "poses" else library_deck.ROTATION_EFFECTS
     noise_kind = noises.KINDS[(k // 2) % len(noises.KINDS)]
     while True:

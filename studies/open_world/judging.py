@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from highside.physics.covariates import LAGS_S
+
 from . import world
 from .world import Session
 
@@ -100,7 +102,7 @@ def accepted(law: Row, design: str) -> set[Key]:
         if name == "rate":
             same.add("rate_sign") if law["shape"]["kind"] in ("threshold_tanh", "saturation") else None
         if name == "temp_filtered":
-            same |= {"temp_filtered_300", "temp_filtered_1200"}
+            same |= {f"temp_filtered_{lag}" for lag in LAGS_S}
         options.append(same)
     chosen = [frozenset()]
     for same in options:

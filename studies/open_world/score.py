@@ -1,7 +1,8 @@
 """Run `highside diagnose`, and `highside predict` on the second session, over cases of the open world.
 
     python -m studies.open_world.score [--seed HASH] [--engine COMMIT] [--groups law,null,...] [--every N]
-                        [--only PREFIX] [--minutes M] [--rivals] [--keep FOLDER] [--out FOLDER]
+                        [--only PREFIX] [--design poses|rotation] [--minutes M] [--rivals] [--keep FOLDER]
+                        [--out FOLDER]
 
 Without --seed the deck is that of the commit that froze the engine and the package as it was at that commit answers;
 --engine lets another commit answer the same cases. Every case goes through the command itself: files in,
@@ -193,7 +194,8 @@ def main() -> None:
     parser.add_argument("--engine", help="commit whose package answers, where it is not that of the seed")
     parser.add_argument("--groups", default=",".join(GROUPS))
     parser.add_argument("--every", type=int, default=1, help="one case of so many, in the order of answering")
-    parser.add_argument("--only", default="", help="cases whose name begins so")
+    parser.add_argument("--only", default="", help="cases whose name begins so, or so: separated by commas")
+    parser.add_argument("--design", choices=deck.KINDS, help="of laws, nulls, known effects and sweeps: these alone")
     parser.add_argument("--minutes", type=float, default=1e9, help="stop after so long; a later run goes on")
     parser.add_argument("--without", help="leave a part of the method out, see `highside.diagnosis.core.method`")
     parser.add_argument(
@@ -205,7 +207,10 @@ def main() -> None:
     seed = given.seed or frozen_seed()
     engine = given.engine or (seed if re.fullmatch("[0-9a-f]{40}", seed) else None)
     makers = every_case(seed, tuple(given.groups.split(",")))
-    names = ordered(seed, [name for name in makers if name.startswith(given.only)])[:: given.every]
+    asked = [name for name in makers if name.startswith(tuple(given.only.split(",")))]
+    if given.design:
+        asked = [name for name in asked if deck.kind_of(name) == given.design]
+    names = ordered(seed, asked)[:: given.every]
     given.out.mkdir(parents=True, exist_ok=True)
     what = "rivals" if given.rivals else f"answers-{engine[:12] if engine else 'tree'}"
     what += f"-without-{given.without}" if given.without else ""

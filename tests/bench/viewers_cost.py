@@ -3,10 +3,11 @@
     python -m tests.bench.viewers_cost [--seconds 30] [--viewers 100] [--json]
 
 The same tool on a pty, the same broker, `highside run` once without and once with `highside serve` and its viewers.
-Half of these read and draw all that they are sent, the others opened a socket with the smallest buffer and never
-read. Prints frames lost, the loop's lag (99.9 %, and what of it the service itself had computed), the processor that
-service and page took, and the pictures that a reading viewer got. Ends with status 1 if a frame was lost, or where
-there is no mosquitto.
+They look at the page of the tool with its picture in three dimensions. Half of these read and draw all that they are
+sent, in four languages; of the others most opened a socket with the smallest buffer and never read, and a fifth are
+hostile: broken frames, long bodies, page after page that is never looked at. Prints frames lost, the loop's lag (99.9
+%, and what of it the service itself had computed), the processor that service and page took, and the pictures that a
+reading viewer got. Ends with status 1 if a frame was lost, or where there is no mosquitto.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from __future__ import annotations
 import argparse
 import asyncio
 import contextlib
+import itertools
 import json
 import sys
 import tempfile
@@ -21,7 +23,7 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-from urllib.parse import urlsplit
+from urllib.parse import urljoin, urlsplit
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT / "tests" / "integration")]
@@ -49,11 +51,11 @@ class Page:
         return urlsplit(self.address).port or 0
 
 
-async def _reader(page: Page, drawn: list[int]) -> None:
+async def _reader(page: Page, drawn: list[int], language: str) -> None:
     """A viewer who takes all that he is sent and says at once that it is drawn; comes again when he is let go."""
     while True:
         with contextlib.suppress(OSError, AssertionError, httpx.HTTPError, websockets.WebSocketException, TimeoutError):
-            name = await page_id(page)  # type: ignore[arg-type]
+            name = await page_id(page, highside_language=language)  # type: ignore[arg-type]
             url = f"ws://127.0.0.1:{page.port}/_nicegui_ws/socket.io/?{handshake_of(name)}"
             async with websockets.connect(url, max_size=2**24) as socket:
                 await socket.send("40")
@@ -84,6 +86,20 @@ async def _deaf(page: Page) -> None:
             finally:
                 socket.close()
         await asyncio.sleep(0.5)
+
+
+async def _hostile(page: Page) -> None:
+    """Somebody who means harm: a page that is asked for and left, a body without an end, a frame that is none."""
+    while True:
+        with contextlib.suppress(OSError, AssertionError, httpx.HTTPError, websockets.WebSocketException, TimeoutError):
+            async with httpx.AsyncClient(timeout=10.0) as client:
+                await client.get(page.address)
+                await client.post(urljoin(page.address, "/language"), content=b"x" * 200_000)
+            url = f"ws://127.0.0.1:{page.port}/_nicegui_ws/socket.io/?EIO=4&transport=websocket"
+            async with websockets.connect(url) as socket:
+                for junk in ("40", '42["event",' + "[" * 2_000, b"\x00" * 4_000, "9" * 4_000):
+                    await socket.send(junk)
+        await asyncio.sleep(0.2)
 
 
 async def measured(seconds: float, viewers: int) -> dict[str, Any]:
@@ -121,8 +137,11 @@ async def measured(seconds: float, viewers: int) -> dict[str, Any]:
                 page = Page((await page_process.stderr.readline()).decode().split()[-1])
                 await asyncio.sleep(1.0)
                 page.address += "tool/tool-7"
-                crowd = [asyncio.create_task(_reader(page, drawn)) for _ in range(viewers // 2)]
-                crowd += [asyncio.create_task(_deaf(page)) for _ in range(viewers - viewers // 2)]
+                reading, hostile = viewers // 2, viewers // 10
+                languages = itertools.cycle(("en", "de", "nb", "es"))
+                crowd = [asyncio.create_task(_reader(page, drawn, next(languages))) for _ in range(reading)]
+                crowd += [asyncio.create_task(_deaf(page)) for _ in range(viewers - reading - hostile)]
+                crowd += [asyncio.create_task(_hostile(page)) for _ in range(hostile)]
             await asyncio.sleep(WARM_S)
             counted = [psutil.Process(p.pid) for p in (service, page_process) if p is not None]
             before, begun = [_cpu(process) for process in counted], time.monotonic()

@@ -11,8 +11,8 @@ equal inputs.
 With `--books` what became of the inputs is kept in a file (`tests/faults/fuzzed.json` is tracked), and the next run
 with the same seed goes on behind the last input of this one: what takes hours can be spread over nights. An
 interruption loses the last minute. The books say for each parser which inputs of which seed were given to which state
-of its code (the hash of its modules); `--inputs` counts those that the present code took, `--report` prints them beside
-all others.
+of its code (the hash of its modules, without comments and docstrings); `--inputs` counts those that the present code
+took, `--report` prints them beside all others.
 """
 
 from __future__ import annotations

@@ -6,6 +6,7 @@ used, too, as far as its owner would at once: a calibration corrects, a journal 
 
 from __future__ import annotations
 
+import ast
 import hashlib
 import json
 import logging
@@ -14,9 +15,9 @@ import os
 import random
 import shutil
 import tempfile
-from collections.abc import Callable, Coroutine, Sequence
+from collections.abc import Callable, Coroutine, Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Any
 
@@ -65,6 +66,7 @@ from highside.service.watch_keeper import message as watch_message
 from highside.watch.proposal import propose, read_outcome
 
 Make = Callable[[random.Random], bytes]
+TOP = seeds.ROOT / "src" / "highside"
 
 
 @dataclass(frozen=True)
@@ -77,7 +79,7 @@ class Parser:
     sound: tuple[bytes, ...]
     """inputs without damage, which must be accepted"""
     modules: tuple[str, ...] = ()
-    """files and folders below `src/highside` that hold what reads it, besides `READING`"""
+    """files and folders below `src/highside` that hold what reads it, besides `READING` and `EVERYWHERE`"""
 
     @cached_property
     def code(self) -> str:
@@ -86,13 +88,61 @@ class Parser:
 
 
 def code_of(modules: Sequence[str]) -> str:
-    """Hash of the Python files of these modules, and of what damages the inputs."""
-    top = seeds.ROOT / "src" / "highside"
-    files = [Path(__file__).with_name("mutate.py")]
+    """Hash of what the Python files of these modules do, and of what damages the inputs."""
+    files = [Path(__file__).with_name("mutate.py"), *files_of(modules)]
+    return hashlib.sha256("\0".join(what_it_does(path) for path in files).encode()).hexdigest()[:12]
+
+
+def files_of(modules: Sequence[str]) -> list[Path]:
+    """The files of modules and folders below `src/highside`, each once."""
+    files: dict[Path, None] = {}
     for name in modules:
-        found = sorted((top / name).rglob("*.py")) if (top / name).is_dir() else [top / f"{name}.py"]
-        files += found
-    return hashlib.sha256(b"\0".join(path.read_bytes() for path in files)).hexdigest()[:12]
+        place = TOP / name
+        files |= dict.fromkeys(sorted(place.rglob("*.py")) if place.is_dir() else [place.with_suffix(".py")])
+    return list(files)
+
+
+@cache
+def what_it_does(path: Path) -> str:
+    """A Python file without what changes nothing in what it does: comments, docstrings, how its lines are broken."""
+    tree = ast.parse(path.read_text())
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
+            node.body = [inner for inner in node.body if not _is_text(inner)] or [ast.Pass()]
+    return ast.unparse(tree)
+
+
+def _is_text(node: ast.stmt) -> bool:
+    return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
+
+
+def reached(*entries: str, within: tuple[str, ...]) -> tuple[str, ...]:
+    """The modules that these import, wherever in the file, and those import in turn, as far as they are in the folders
+    `within`; the entries themselves among them."""
+    found: dict[str, None] = dict.fromkeys(entries)
+    waiting = list(entries)
+    while waiting:
+        for name in _imports(waiting.pop()):
+            if name not in found and name.partition("/")[0] in within:
+                found[name] = None
+                waiting.append(name)
+    return tuple(sorted(found))
+
+
+def _imports(module: str) -> Iterator[str]:
+    """Modules of the package that a file imports, as paths below `src/highside`."""
+    for node in ast.walk(ast.parse((TOP / f"{module}.py").read_text())):
+        names = []
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("highside"):
+            names = [str(node.module), *(f"{node.module}.{alias.name}" for alias in node.names)]
+        elif isinstance(node, ast.Import):
+            names = [alias.name for alias in node.names]
+        for name in names:
+            place = name.removeprefix("highside").strip(".").replace(".", "/")
+            if place and (TOP / f"{place}.py").is_file():
+                yield place
+            elif place and (TOP / place / "__init__.py").is_file():
+                yield f"{place}/__init__"
 
 
 def of(*inputs: bytes, damage: Callable[[bytes, random.Random], bytes] = damaged) -> Make:
@@ -392,17 +442,35 @@ def _at_once(work: Coroutine[Any, Any, Any]) -> Any:
     raise AssertionError("it waits")
 
 
-PACKED = ("expansion", "arrow_size", "mcap_size", "mat5")
+PACKED = ("expansion", "arrow_size", "mcap_size", "parquet_size", "mat5")
+EVERYWHERE = ("errors", "printable", "service/clock", "service/quiet_log")
+"""What each parser's code uses and that reads nothing: how errors and log lines are worded, what time it is."""
 READING = tuple(f"reading/{name}" for name in ("documents", "files", "texts"))
-CONFIG = ("config", "reading/config_table")
-CALIBRATION = ("calibration", "recording/calibration_store", "attitude")
-TABLES = ("recording/table", "reading/table", "reading/columnar", "reading/arrays")
-ROTATION = ("rotation",)
+CONFIG = ("reading/config_table", "codec/registry")
+SERVICE_CONFIG = (
+    *CONFIG,
+    *reached("config/settings", within=("config",)),
+    *(f"codec/{name}" for name in ("axes", "dbc", "delimited")),
+    *("link/base", "link/serial", "link/replay", "calibration/rolling_bias"),
+)
+BENCH_CONFIG = (*CONFIG, *reached("config/bench", within=("config",)), "codec/axes", "link/base")
+STORE = ("recording/calibration_store", "recording/files", "recording/locks")
+CORRECTING = reached("calibration/record", "calibration/correction", within=("calibration", "attitude"))
+CALIBRATION = (*CORRECTING, *STORE)
+TABLES = (
+    "recording/table",
+    "recording/columns",
+    "recording/of_another",
+    "reading/table",
+    "reading/columnar",
+    "reading/arrays",
+)
+ROTATION = ("rotation", "attitude/angles")
 RIG = ("service/rig/surveys", "service/rig/toolface")
 SURVEYS = ("recording/kept_surveys", "reading/messages", "api/surveys", "watch")
 KEYS = ("recording/keys", "calibration/signature")
-IMPORT = ("importing", "reading/table")
-CONTAINERS = ("importing", *(f"reading/{name}" for name in PACKED), *TABLES)
+IMPORT = ("importing", "codec/axes", *TABLES)
+CONTAINERS = (*IMPORT, *(f"reading/{name}" for name in PACKED))
 FLEET = ("fleet/catalogue", "reading/table")
 SESSION = ("bench/mqtt", "bench/session", "reading/messages")
 DRIFT = (
@@ -412,7 +480,15 @@ DRIFT = (
 WATCH = (
     *("reading/messages", "watch", "config/watch"),
     *(f"service/{name}" for name in ("saved_watch", "watch_keeper", "watch_stage", "watch_messages", "commands")),
+    *("service/saved_drift", *CORRECTING),
 )
+DRIFT_COMMAND = (*DRIFT, "gyro", "attitude/quaternion", "config/drift", "service/messages")
+CERTIFICATE_CONFIG = (*CONFIG, *reached("config/certificate", within=("config",)))
+MODEL_CONFIG = (*CONFIG, *reached("config/model", within=("config",)), "physics")
+CODEC_CONFIG = (*CONFIG, *reached("config/codecs", within=("config",)), "codec")
+DEPTHS = (*TABLES, "recording/survey_list", "recording/kept_surveys", "api/survey_list", "reading/messages")
+ERROR_MODEL = (*reached("api/iscwsa", within=("calibration", "watch", "attitude")), *STORE)
+STARTS = ("service/starts", "service/saved_drift", "recording/files")
 
 
 def all_parsers(bench: Bench) -> Sequence[Parser]:
@@ -432,20 +508,18 @@ def all_parsers(bench: Bench) -> Sequence[Parser]:
     journal, containers = seeds.journal(), seeds.containers()
     watched, said = seeds.watched(), seeds.watch_said()
     return (
-        Parser("service TOML", of(*services), bench.service_toml, services, CONFIG),
-        Parser("bench TOML", of(*bench_files), bench.bench_toml, tuple(bench_files), CONFIG),
-        Parser("certificate TOML", of(fields), bench.certificate_toml, (fields,), CONFIG),
-        Parser("model TOML", of(*models), bench.model_toml, tuple(models), (*CONFIG, "physics")),
-        Parser("codec TOML", of(codec), bench.codec_toml, (codec,), (*CONFIG, "codec")),
-        Parser("--set", of(*override), bench.override, override, CONFIG),
+        Parser("service TOML", of(*services), bench.service_toml, services, SERVICE_CONFIG),
+        Parser("bench TOML", of(*bench_files), bench.bench_toml, tuple(bench_files), BENCH_CONFIG),
+        Parser("certificate TOML", of(fields), bench.certificate_toml, (fields,), CERTIFICATE_CONFIG),
+        Parser("model TOML", of(*models), bench.model_toml, tuple(models), MODEL_CONFIG),
+        Parser("codec TOML", of(codec), bench.codec_toml, (codec,), CODEC_CONFIG),
+        Parser("--set", of(*override), bench.override, override, SERVICE_CONFIG),
         Parser("DBC text", of(*dbcs), bench.dbc, dbcs, ("codec/can_dbc", "reading/dbc")),
         Parser("calibration record", of(record), bench.record, (record,), CALIBRATION),
         Parser("record, hashed again", signed_again(record), bench.record, (record,), CALIBRATION),
-        Parser("activation", of(activation), bench.activation, (activation,), ("recording/calibration_store",)),
+        Parser("activation", of(activation), bench.activation, (activation,), (*STORE, "calibration/record")),
         Parser("compensation", of(compensations[0]), bench.compensation, compensations, ROTATION),
-        Parser(
-            "compensation, hashed again", signed_again(*compensations), bench.compensation, compensations, ("rotation",)
-        ),
+        Parser("compensation, hashed again", signed_again(*compensations), bench.compensation, compensations, ROTATION),
         Parser("drift state", of(seeds.drift_state()), bench.drift_state, (seeds.drift_state(),), DRIFT),
         Parser(
             "drift state, by structure",
@@ -467,12 +541,8 @@ def all_parsers(bench: Bench) -> Sequence[Parser]:
         ),
         Parser("surveys", of(seeds.surveys()), bench.surveys, (seeds.surveys(),), RIG),
         Parser("surveys, analysed", of(seeds.surveys()), bench.surveys_analysed, (seeds.surveys(),), SURVEYS),
-        Parser(
-            "survey depths", of(seeds.DEPTHS), bench.survey_join, (seeds.DEPTHS,), (*TABLES, "recording/survey_list")
-        ),
-        Parser(
-            "watch and tool model", of(watched), bench.watched_error_model, (watched,), ("api/iscwsa", "watch/iscwsa")
-        ),
+        Parser("survey depths", of(seeds.DEPTHS), bench.survey_join, (seeds.DEPTHS,), DEPTHS),
+        Parser("watch and tool model", of(watched), bench.watched_error_model, (watched,), ERROR_MODEL),
         Parser("watch said", of(said), bench.watch_said, (said,), ("watch/proposal", "watch/parameters", *CALIBRATION)),
         Parser(
             "watch said, by structure",
@@ -481,7 +551,7 @@ def all_parsers(bench: Bench) -> Sequence[Parser]:
             (said,),
             ("watch/proposal", "watch/parameters", *CALIBRATION),
         ),
-        Parser("starts of the service", of(seeds.starts()), bench.starts, (seeds.starts(),), ("service/starts",)),
+        Parser("starts of the service", of(seeds.starts()), bench.starts, (seeds.starts(),), STARTS),
         Parser("known time", of(seeds.known_time()), bench.known_time, (seeds.known_time(),), ("service/known_time",)),
         Parser("trusted keys", of(seeds.trusted_keys()), bench.trusted_keys, (seeds.trusted_keys(),), KEYS),
         Parser("signature", of(seeds.signature()), bench.signature, (seeds.signature(),), KEYS),
@@ -502,15 +572,23 @@ def all_parsers(bench: Bench) -> Sequence[Parser]:
         Parser("import containers", of(*containers), bench.import_container, containers, CONTAINERS),
         Parser("fleet catalogue", of(seeds.CATALOGUE), bench.catalogue, (seeds.CATALOGUE,), FLEET),
         Parser("import profile", of(seeds.PROFILE), bench.import_profile, (seeds.PROFILE,), IMPORT),
-        Parser(".hsw", of(seeds.wire()), bench.wire, (seeds.wire(),), ("recording/wire", "link/replay")),
+        Parser(
+            ".hsw",
+            of(seeds.wire()),
+            bench.wire,
+            (seeds.wire(),),
+            ("recording/wire", "recording/candump", "link/replay"),
+        ),
         Parser("candump", of(seeds.candump()), bench.candump, (seeds.candump(),), ("recording/candump",)),
-        Parser("drift/command", of(*seeds.DRIFT_COMMANDS), bench.drift_command, seeds.DRIFT_COMMANDS[:1], DRIFT),
+        Parser(
+            "drift/command", of(*seeds.DRIFT_COMMANDS), bench.drift_command, seeds.DRIFT_COMMANDS[:1], DRIFT_COMMAND
+        ),
         Parser("watch/command", of(*seeds.WATCH_COMMANDS), bench.watch_command, seeds.WATCH_COMMANDS[:1], WATCH),
         Parser(
             "session/command",
             of(*seeds.SESSION_COMMANDS),
             bench.session_command,
             seeds.SESSION_COMMANDS,
-            ("bench/mqtt", "bench/session"),
+            (*SESSION, "config/mqtt", "service/replies"),
         ),
     )

@@ -84,10 +84,12 @@ class Storm:
 
     def bad_reload(self) -> None:
         kind, content = self._bad[self.done["bad reloads"] % len(self._bad)]
-        before = self._daemon.log.count("reload refused")
+        before = health_of(self._subscriber)["reload"].get("t")
         self._path.write_text(content)
         self._hup()
-        wait_for(lambda: self._daemon.log.count("reload refused") > before, 20, f"refusal of {kind}", self._daemon)
+        self._until(
+            lambda health: health["reload"]["refused"] and health["reload"]["t"] != before, f"refusal of {kind}"
+        )
         self._path.write_text(self._good)
         self.refused.add(kind)
         self.done["bad reloads"] += 1

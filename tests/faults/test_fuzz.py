@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import contextlib
 import random
+import sys
 from collections.abc import Iterator
 from pathlib import Path
+from types import FrameType
 
 import fuzz
 import pytest
-from parsers import Bench, Parser, all_parsers
+from parsers import EVERYWHERE, READING, TOP, Bench, Parser, all_parsers, files_of, what_it_does
+
+from highside.errors import HighsideError
 
 INPUTS, SECONDS = 2000, 2.0
 
@@ -93,3 +98,36 @@ def test_an_exception_a_long_line_and_a_long_time_are_escapes(monkeypatch: pytes
     tally = fuzz.fuzz(Parser("made", lambda _: next(made), parse, ()), 4, seed=1)
     assert tally.balanced()
     assert (tally.inputs, tally.accepted, tally.refused, tally.escaped.total()) == (4, 1, 1, 2)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_state_of_a_parsers_code_is_that_of_all_it_runs(parsers: dict[str, Parser], name: str) -> None:
+    """What the books call the present code must hold every module that an input passes through."""
+    parser = parsers[name]
+    counted = {str(path) for path in files_of((*READING, *parser.modules, *EVERYWHERE))}
+    ran = set()
+
+    def watch(frame: FrameType, event: str, _: object) -> None:
+        code = frame.f_code
+        if event == "call" and code.co_name != "<module>" and code.co_filename.startswith(str(TOP)):
+            ran.add(code.co_filename)
+
+    inputs = [*parser.sound, *(parser.make(random.Random(f"state {number}")) for number in range(20))]
+    before = sys.getprofile()
+    sys.setprofile(watch)
+    try:
+        for data in inputs:
+            with contextlib.suppress(HighsideError):
+                parser.parse(data)
+    finally:
+        sys.setprofile(before)
+    assert ran
+    assert not ran - counted
+
+
+def test_a_comment_is_no_other_code(tmp_path: Path) -> None:
+    path, same, other = (tmp_path / name for name in ("a.py", "b.py", "c.py"))
+    path.write_text('"""What it is."""\n\ndef f(x):\n    """Twice."""\n    return 2 * x\n')
+    same.write_text("def f(x):\n    # of old\n    return (2\n        * x)\n")
+    other.write_text("def f(x):\n    return 3 * x\n")
+    assert what_it_does(path) == what_it_does(same) != what_it_does(other)

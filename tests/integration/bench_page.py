@@ -62,6 +62,10 @@ class BenchProcess:
         return psutil.Process(self.process.pid).memory_info().rss / 1e6
 
     @property
+    def descriptors(self) -> int:
+        return psutil.Process(self.process.pid).num_fds()
+
+    @property
     def token(self) -> str:
         return self.link.partition("token=")[2]
 

@@ -74,6 +74,7 @@ def shown(name: str, state: SessionState, prompt: str, done: int, **more: object
                             trace=[0.8, 0.7, 1.2, 9.0, 30.0, 25.0, 18.0, 14.2]),
         capture=None, temp_c=25.3, poses=rows(done), uncertainty=U if done > 5 else None, closures=[], faults=[],
         last_rejection=None, operator="A. Technician", allowed=MEASURING, result=None, elapsed_s=754.0,
+        to_go_s=56.0 * (12 - done) if done > 2 else None,
     )  # fmt: skip
     return base.model_copy(update=more)
 
@@ -86,14 +87,14 @@ def result(**more: object) -> ResultState:
     return made.model_copy(update=more)
 
 
-NOWHERE: dict[str, object] = {"attitude": None, "deviation": None, "stillness": None}
-OVER: dict[str, object] = {"target": None, "deviation": None, "uncertainty": U}
+NOWHERE: dict[str, object] = {"attitude": None, "deviation": None, "stillness": None, "temp_c": None}
+OVER: dict[str, object] = {"target": None, "deviation": None, "uncertainty": U, "to_go_s": None}
 RING = ClosureState(inc_deg=45.0, size_g=38e-6, p=0.41, good=True, poses=["5", "6", "7", "8"])
 BAD_RING = ClosureState(inc_deg=5.0, size_g=2.1e-3, p=1e-9, good=False, poses=["1", "2", "3", "4"], worst="3")
 AGAIN = row(3, PoseState.AGAIN, f"{Rejection.OUTLIER.text} (9.4 standard deviations from what the other poses predict)")
 VERDICT = VerdictState(
     kind="verification", record=RECORD, verdict="fail", limit_inc_deg=0.1, limit_tf_deg=1.0, consistent=False,
-    text="2 of 3 poses are within the limits.",
+    text="Fail: 1 of 3 poses are beyond a limit by more than the uncertainty.",
     rows=[
         VerdictRow(name=str(k), inc_error_deg=0.03 * k, inc_u_deg=0.031, tf_error_deg=-0.2 * k, tf_u_deg=0.12,
                    verdict="pass" if k < 3 else "fail")
@@ -125,7 +126,7 @@ PAGES = {
               closures=[RING]),
         shown(
             "again", SessionState.GUIDING,
-            "Set 3 (inclination 5, toolface 225) again: turn away from it first, then set it.",
+            "Set 3 (inclination 5, toolface 225) again: turn away from it first, then set it with care.",
             8, target=Target(pose="3", inc_deg=5.0, tf_deg=225.0), poses=rows(8, pose_3=AGAIN), closures=[BAD_RING],
         ),
         shown("skipped", SessionState.GUIDING, "Set 8 (inclination 45, toolface 315): turn 17 deg clockwise.", 7,
@@ -178,7 +179,7 @@ PAGES = {
         ),
         shown("aborted", SessionState.ABORTED,
               "Aborted. The journal keeps what was measured.", 5, target=None, allowed=[],
-              **NOWHERE),
+              to_go_s=None, **NOWHERE),
     )
 }  # fmt: skip
 
@@ -208,6 +209,9 @@ class Slides:
             turned = self._turned
             yield self._now
             await turned.wait()
+
+    async def remark(self, operator: str, text: str) -> str:
+        return "kept"
 
     async def command(self, command: Command) -> Reply:
         return Reply(request_id=command.request_id, accepted=True, text="done", state=self._now.state, seq=self._seq)

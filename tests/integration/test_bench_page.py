@@ -127,8 +127,15 @@ async def test_a_whole_session_is_clicked_through(tmp_path: Path) -> None:
         await expect(page.locator("[data-command=activate]")).to_be_hidden()
         await expect(page.locator(".question")).to_be_hidden()
         await assert_accessible(page, "in force")
-        nothing = await bench.command("rollback", confirm=record, operator="A. Operator")
-        assert nothing.status_code == 409 and nothing.json()["reason"] == "nothing_before"
+        # and taken back, though nothing was in force before
+        other = await bench.command("rollback", confirm=record, operator="A. Operator")
+        assert other.status_code == 409 and other.json()["reason"] == "not_confirmed"
+        await page.click("[data-command=rollback]")
+        await expect(page.locator(".question")).to_contain_text("There was none before")
+        await page.click("[data-command=yes]")
+        await expect(page.locator("h1")).to_contain_text("It is not in force")
+        assert store.active_id("tool-7") is None
+        assert [entry.record_id for entry in store.history("tool-7")] == [record, ""]
         assert (await bench.command("activate", confirm=record, token="x")).status_code == 401
         assert faults == [], "nothing went wrong in the browser"
         assert await bench.ended() == 0

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from highside.calibration.record import RecordError
 from highside.cli.main import main
 from highside.physics.gravity import bench_gravity, gravity_direction
 from highside.recording.calibration_store import CalibrationStore, load_active, read_record
@@ -244,7 +245,15 @@ def test_activate_history_and_rollback(run: Run, tmp_path: Path, poses: Path) ->
     assert "*    3" in run("history", "--store", store)[1]
     status, _, err = run("rollback", "--store", store)
     assert status == 1
-    assert "nothing_before" in err
+    assert "nothing_before" in err and "--to-nothing" in err
+    # the only one that stands is taken out: as if none had ever been put in force
+    assert run("rollback", "--store", store, "--to-nothing")[:2] == (0, "in force for tool t-1: nothing\n")
+    with pytest.raises(RecordError, match="none_active"):
+        load_active(store, tool_id="t-1")
+    assert run("history", "--store", store)[1].splitlines()[-1].endswith("rollback  nothing")
+    assert run("rollback", "--store", store, "--to-nothing")[0] == 1, "there is none to take out"
+    assert run("activate", one[:10], "--store", store)[0] == 0
+    assert load_active(store, tool_id="t-1").cal_id == one
 
 
 def refused(outcome: tuple[int, str, str], status: int, *words: str) -> None:
@@ -513,3 +522,13 @@ def test_the_installed_command_does_the_same(tmp_path: Path, poses: Path, readin
     assert bad.stderr.count("\n") == 1
     record.write_text(record.read_text().replace('"tool"', '"loot"', 1))
     assert call("show", record).returncode == 1
+
+
+def test_a_refused_roll_back_or_activation_leaves_no_store_behind(tmp_path: Path) -> None:
+    other = tmp_path / "other"
+    for words in (["rollback", "--tool", "t1"], ["activate", "0123456789ab"], ["history"]):
+        command = [Path(sys.executable).parent / "highside", "calibrate", *words, "--store", str(other)]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+        assert done.returncode == 2, done.stderr
+        assert "no such calibration store" in done.stderr
+        assert not other.exists()

@@ -11,6 +11,7 @@ import pytest
 from scipy.signal import butter, lfilter, sosfiltfilt
 from test_diagnose import highside
 
+import studies.clock_offsets as study
 from highside.recording.table import Recording, read_recording, write_recording
 
 Array = np.ndarray[Any, np.dtype[np.float64]]
@@ -239,7 +240,39 @@ def test_a_real_recording_beside_a_prediction_that_is_early(
     # the recording and the tracking are 2.7 ms apart as they were published
     assert claims(found)["time_offset"]["parameters"]["t0"]["value"] == pytest.approx(late_s + 2.7e-3, abs=1e-3)
     assert "bandwidth_lag" not in claims(found)
-    assert "one clock: the recording lags by" in said
+    assert " s after the prediction, which is left to be diagnosed" in said
+
+
+@pytest.mark.parametrize(
+    ("start_s", "late_s", "instead"),
+    [
+        # a filter's lag of 14 ms, alone in its class: the errors of optics at high frequency are attenuated with it
+        (116.768, 0.01094, "bandwidth_lag"),
+        # an offset of -5.2 ms and a lag of 3.8 ms, whose size is no constant: no name was given
+        (116.768, -0.00417, "partial"),
+        # a lag with a negative time constant: no name was given
+        (97.562, -0.0205, "implausible_fit"),
+    ],
+)
+def test_a_small_shift_of_a_real_clock_is_no_filter(
+    shared_data: Path, start_s: float, late_s: float, instead: str
+) -> None:
+    """What was answered `instead` before a shift of the clock and a filter's lag were compared by what they leave."""
+    recorded, predicted = study.clock_files()
+    found = study.reported(recorded, predicted, start_s, -late_s, laws=False)
+    assert study.offset_of(found) == pytest.approx(study.OWN_S + late_s, abs=1e-3), instead
+    assert "bandwidth_lag" not in [claim.effect for claim in found.claims]
+
+
+def test_laws_do_not_crowd_the_names_of_a_real_recording(shared_data: Path) -> None:
+    """Seven laws, each below a fiftieth of its channel's misfit, stood beside the clock, with shares of the whole that
+    added up to three times of it."""
+    recorded, predicted = study.clock_files()
+    found = study.reported(recorded, predicted, 40.0, 0.030, laws=True)
+    assert study.offset_of(found) == pytest.approx(study.OWN_S - 0.030, abs=1e-3)
+    laws = [claim for claim in found.claims if claim.effect.startswith("law")]
+    assert all((claim.share or 0.0) > 0.002 for claim in laws) and len(laws) <= 2
+    assert sum(claim.share or 0.0 for claim in found.claims) <= 1.0 + 1e-9
 
 
 @pytest.mark.parametrize("kind", ["wrong_unit", "inverted_axis", "swapped_axis", "constant_channel"])

@@ -44,6 +44,7 @@ NOT_OF_RECORDINGS = {
     "calibrate certificate", "calibrate iscwsa", "calibrate activate", "calibrate history", "calibrate rollback",
     "reproduce balance", "reproduce rotation", "reproduce drift", "keys new", "keys show", "keys sign", "keys verify",
     "surveys analyse", "surveys list", "surveys export", "toolface show", "watch propose",
+    "users add", "users list", "users password", "users role", "users remove", "users acts",
 }  # fmt: skip
 """They read the wire, tables of poses, records or nothing; `fleet drift` reads as `fleet diagnose` does."""
 OF_THE_FILE = re.compile(r'"(id|sha256|name|source|file|path|recording|tool|made|created)": "[^"]*"')

@@ -69,10 +69,10 @@ def test_a_newcomer_sees_a_changed_effect_in_a_report_within_ten_minutes(tmp_pat
     assert time.monotonic() - began < TEN_MINUTES_S
     installed, first, changed, seen, back = said
     assert "highside" in installed
-    assert "named - The simulation leaves out: sag" in first
+    assert "named - The simulation omits gravity sag of the collar or of the arm" in first
     assert "1 file changed" in changed
     assert "dI = s sin^2 I" in seen
-    assert "named - The simulation leaves out: sag" in seen
+    assert "named - The simulation omits gravity sag of the collar or of the arm" in seen
     assert back == ""
     before, after = (answer(clone / "first" / name)["claims"][0] for name in ("report", "changed"))
     assert before["effect"] == after["effect"] == "sag"
@@ -108,7 +108,7 @@ def highside(*arguments: str | Path, folder: Path, **more: str) -> subprocess.Co
 def test_an_effect_in_one_file_is_simulated_found_and_described(written: Path) -> None:
     (commands,) = (text for kind, text in recipe() if kind == "sh")
     said = run(commands, written, PATH=f"{Path(sys.executable).parent}:{os.environ['PATH']}")
-    assert said.startswith("named - The simulation leaves out: temperature_cross_square")
+    assert said.startswith("named - The simulation omits ") and "\ntemperature_cross_square: " in said
     found = answer(written / "report")
     (claim,) = found["claims"]
     for name, truth in (("ct_xy", 15e-6), ("ct_zx", -12e-6), ("ct_yz", 0.0)):

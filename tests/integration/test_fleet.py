@@ -22,6 +22,7 @@ from highside.fleet.catalogue import catalogue_of
 from highside.fleet.jobs import Order
 from highside.fleet.parts import PartStore
 from highside.fleet.run import run
+from highside.physics.gravity import gravity_direction
 
 MODEL = "[sensor]\nnoise_g = 5e-5\n"
 TOOLS = 10
@@ -73,7 +74,7 @@ def highside_command(*arguments: str | Path) -> tuple[int, str, str]:
 def test_a_fleet_is_diagnosed_once_and_its_lot_is_found(fleet: Path, tmp_path: Path) -> None:
     out = tmp_path / "results"
     asked = ("fleet", "diagnose", fleet / "fleet.csv", "--model", fleet / "model.toml", "--out", out, "--workers", "2")
-    status, stdout, stderr = highside_command(*asked, "--json")
+    status, stdout, stderr = highside_command(*asked, "--json", "--dashboard")
     assert status == 0
     counts = json.loads(stdout)
     assert (counts["recordings"], counts["computed"], counts["failed"]) == (2 * TOOLS + 2, 2 * TOOLS + 1, 2)
@@ -82,14 +83,14 @@ def test_a_fleet_is_diagnosed_once_and_its_lot_is_found(fleet: Path, tmp_path: P
 
     # the same answer as alone, to the last digit
     rows = {row["uri"]: row for row in PartStore(out).read_catalogue()}
-    part = _part(out, rows[str(fleet / "warm0.csv")]["key"])
+    part = PartStore(out).read()[rows[str(fleet / "warm0.csv")]["key"]]
     alone = highside.diagnose(fleet / "warm0.csv", fleet / "model.toml").to_dict()
     assert json.loads(part["diagnosis"]) == json.loads(json.dumps(alone))
 
     # a second run finds all that was done; what could not be had is tried again
     again = json.loads(highside_command(*asked, "--json")[1])
     assert (again["computed"], again["there_already"], again["failed"]) == (0, 2 * TOOLS + 1, 1)
-    assert len(list((out / "parts").iterdir())) == 2 * TOOLS + 1
+    assert len(PartStore(out).read()) == 2 * TOOLS + 1
 
     status, stdout, _ = highside_command("fleet", "summary", out, "--json", "--html", tmp_path / "fleet.html")
     assert status == 0
@@ -107,26 +108,24 @@ def test_a_fleet_is_diagnosed_once_and_its_lot_is_found(fleet: Path, tmp_path: P
     assert status != 0
 
 
-def _part(out: Path, key: str) -> dict[str, str]:
-    import pyarrow.parquet as pq
-
-    (row,) = pq.read_table(out / "parts" / f"{key}.parquet").to_pylist()
-    return dict(row)
-
-
 def test_workers_that_are_killed_cost_no_result(fleet: Path, tmp_path: Path) -> None:
-    """SIGKILL of a worker each time two more results are there, five times."""
+    """SIGKILL of a worker each time two more results are there, five times; once of the process they are copies of."""
     entries = [entry for entry in catalogue_of(str(fleet / "fleet.csv")) if "absent" not in entry.uri]
     store = PartStore(tmp_path)
     killed: list[int] = []
+    servers: list[psutil.Process] = []
 
     def kill(done: int, total: int, dashboard: str) -> None:
         if done >= 2 * len(killed) and len(killed) < 5 and (victims := _workers()):
             os.kill(victims[0].pid, signal.SIGKILL)
             killed.append(victims[0].pid)
+        if len(killed) == 3 and not servers:
+            # and that of which all are copies
+            servers.extend(_servers())
+            os.kill(servers[0].pid, signal.SIGKILL)
 
     finished = run(entries, Order("diagnose", MODEL), store, workers=2, progress=kill)
-    assert len(killed) >= 2
+    assert len(killed) >= 3 and servers
     assert len(finished.outcomes) == len(entries)
     assert all(one.key is not None for one in finished.outcomes)
     assert sum(one.verdict == "error" for one in finished.outcomes) == 1
@@ -156,10 +155,25 @@ def test_processes_that_are_killed_while_they_start_are_replaced(fleet: Path, tm
     assert [one.error for one in finished.outcomes] == [""] * 4
 
 
+def test_results_that_cannot_be_written_are_no_fault_of_the_recordings(fleet: Path, tmp_path: Path) -> None:
+    inc, tf = np.repeat([5.0, 45.0, 85.0], 4), np.tile([45.0, 135.0, 225.0, 315.0], 3)
+    rows = np.column_stack([inc, tf, *gravity_direction(np.radians(inc), np.radians(tf))])
+    lines = [",".join(map(repr, row)) for row in rows.tolist()]
+    (tmp_path / "poses.csv").write_text("\n".join(["inc_ref_deg,tf_ref_deg,ax,ay,az", *lines]) + "\n")
+    store = PartStore(tmp_path / "out")
+    (tmp_path / "out" / "records").write_text("no folder")
+    with pytest.raises(highside.errors.InputError, match=r"records.*cannot be (made|written)"):
+        run(catalogue_of(str(tmp_path / "poses.csv*")), Order("solve", method="joint"), store, workers=1)
+    assert not list((tmp_path / "out" / "parts").iterdir())
+
+
 def _workers() -> list[psutil.Process]:
-    """The processes of this run's cluster that do work."""
-    children = psutil.Process().children(recursive=True)
-    return [child for child in children if "spawn_main" in " ".join(child.cmdline())]
+    """The processes of this run's cluster that do work: copies of one."""
+    return [worker for server in _servers() for worker in server.children()]
+
+
+def _servers() -> list[psutil.Process]:
+    return [child for child in psutil.Process().children() if "forkserver" in " ".join(child.cmdline())]
 
 
 @pytest.mark.parametrize(

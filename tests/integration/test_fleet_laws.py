@@ -50,7 +50,7 @@ def test_a_law_that_a_lot_shares_is_found_with_its_size(tmp_path: Path) -> None:
             path = session(tmp_path, f"{lot}{i}", 40 * (lot == "odd") + i, law=lot == "odd")
             row = row_of(order, path)
             said.append((row["verdict"], *row["claims"]))
-            store.write(path.stem, row)
+            store.write({path.stem: row})
             entries.append(Entry(str(path), path.stem, lot))
             keys[str(path)] = path.stem
     store.write_catalogue(entries, keys, "diagnose")

@@ -1,7 +1,8 @@
 """The package as others install it: the wheel of a used checkout, in fresh environments.
 
 With the core dependencies alone, the newest and the oldest that are allowed; with each extra; with all extras, the
-oldest. The locks say nothing of these: who runs `pip install` gets what the bounds allow.
+oldest; with each extra alone, the oldest (`make oldest`; of the service always). The locks say nothing of these: who
+runs `pip install` gets what the bounds allow.
 """
 
 from __future__ import annotations
@@ -508,6 +509,10 @@ EXTRAS: dict[str, tuple[Does, ...]] = {
 }
 
 
+OLDEST = tuple(EXTRAS) if os.environ.get("HIGHSIDE_OLDEST") == "each" else ("service",)
+"""Extras that are tried alone at the oldest versions they allow: what goes onto a tool, and each by `make oldest`."""
+
+
 def test_each_extra_is_tried(project_root: Path) -> None:
     declared = tomllib.loads((project_root / "pyproject.toml").read_text())["project"]["optional-dependencies"]
     # those are no part of the product: the tests themselves, the site's builder, the build, the benchmarks' rivals
@@ -519,6 +524,17 @@ def test_an_extra_brings_what_it_promises(
     extra: str, install: Callable[[str, str], Installed], project_root: Path, bench_data: Path, tmp_path: Path
 ) -> None:
     it = install(extra, "highest")
+    for number, does in enumerate(EXTRAS[extra]):
+        (tmp_path / str(number)).mkdir()
+        does(it, project_root, bench_data, tmp_path / str(number))
+
+
+@pytest.mark.parametrize("extra", OLDEST)
+def test_an_extra_alone_at_its_oldest_brings_what_it_promises(
+    extra: str, install: Callable[[str, str], Installed], project_root: Path, bench_data: Path, tmp_path: Path
+) -> None:
+    """Beside others, an extra has what those require of the packages they share; here it has its own bounds alone."""
+    it = install(extra, "lowest-direct")
     for number, does in enumerate(EXTRAS[extra]):
         (tmp_path / str(number)).mkdir()
         does(it, project_root, bench_data, tmp_path / str(number))

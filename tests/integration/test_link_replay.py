@@ -12,6 +12,7 @@ import select
 import signal
 import subprocess
 import sys
+import threading
 import time
 import tty
 from pathlib import Path
@@ -266,6 +267,29 @@ def test_the_command_takes_its_link_away_when_it_is_stopped(tmp_path: Path, sign
     assert process.returncode == 130
     assert "Traceback" not in errors
     assert not link.is_symlink()
+
+
+def test_a_foreign_table_and_a_missing_reader_are_named(tmp_path: Path) -> None:
+    table = tmp_path / "foreign.csv"
+    table.write_text("Time;Roll;Pitch\n0,1;2,3;4,5\n")
+    with subprocess.Popen(
+        [*HIGHSIDE, "replay", str(table), "--to", "pty"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        ends = threading.Timer(20.0, process.kill)  # what does not say so waits for ever
+        ends.start()
+        try:
+            port = process.stdout.readline().strip()
+            said = [process.stderr.readline(), process.stderr.readline()]
+            process.send_signal(signal.SIGTERM)
+            _, rest = process.communicate(timeout=30)
+        finally:
+            ends.cancel()
+            process.kill()
+    assert "foreign.csv: begins like a table and is played as the text that it is; `highside import`" in said[0]
+    assert said[1].startswith(f"{port}: waits for a program that opens it")
+    assert f"0 records (0 CAN frames, 0 bytes) in 0.0 s, 0 unheard; no program has opened {port}" in rest
 
 
 @pytest.mark.parametrize(

@@ -139,7 +139,12 @@ async def outage(folder: Path, project_root: Path) -> Outcome:
             mosquitto.kill()
             made.proxy.cut()
             await asyncio.sleep(30.0)
+            # a broker acknowledges what it has no subscriber for: on a busy machine, too, the watcher comes first
+            made.proxy.refusing = True
+            watcher.subscribed.clear()
             await asyncio.to_thread(mosquitto.start)
+            await asyncio.wait_for(watcher.subscribed.wait(), 20.0)
+            made.proxy.refusing = False
             made.mark("back")
             await asyncio.sleep(6.0)
         return made.outcome

@@ -306,3 +306,23 @@ async def test_another_service_with_a_client_id_of_its_own_is_noticed(tmp_path: 
         last = ("online", first.instance)
         assert await watcher.wait_for(lambda: (watcher.statuses[-1][1], watcher.instances[-1]) == last, 5.0)
     assert (first.connects, second.connects) == (1, 1)
+
+
+@pytest.mark.parametrize("word", [b"", b"offline", b"mended", b"[" * 50_000])
+async def test_whoever_clears_or_overwrites_the_status_is_corrected(
+    tmp_path: Path, mosquitto: Mosquitto, word: bytes
+) -> None:
+    outbox = make_outbox(tmp_path / "outbox.sqlite")
+    publisher = Publisher(MqttSettings(port=mosquitto.port), outbox, tool_id=TOOL)
+    async with sending(publisher, outbox):
+        await until(lambda: publisher.connected, 5.0, "connection")
+        await asyncio.sleep(0.3)
+        with sender(mosquitto.port) as client:
+            client.publish(f"{PREFIX}/status", word, qos=1, retain=True).wait_for_publish(5.0)
+            await asyncio.sleep(0.5)
+        # what somebody who comes later is told
+        late = Subscriber(mosquitto.port, PREFIX, parse=lambda payload: payload)
+        async with late.running():
+            assert await late.wait_for(lambda: late.statuses, 5.0), "no status is retained"
+            assert [said for _, said, _ in late.statuses] == ["online"]
+        assert publisher.connects == 1

@@ -245,3 +245,64 @@ async def test_tls_is_used_and_a_strange_certificate_is_refused(tmp_path: Path) 
         async with sending(publisher("localhost", "ca.crt")):
             await until(lambda: outbox.stats.acknowledged == 1, 5.0, "delivery")
     await asyncio.to_thread(outbox.stop, 5.0)
+
+
+async def test_a_message_costs_few_turns_of_the_event_loop(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each turn is a call of the system and what the loop does around it: at ten messages a second that is what a
+    message costs. Sending is one, writing to the socket another, the PUBACK a third; the rest is this test's sleep."""
+    messages, turns = 40, 0
+    with Mosquitto(tmp_path / "broker") as broker:
+        outbox = make_outbox(tmp_path / "outbox.sqlite")
+        outbox.start()
+        publisher = Publisher(MqttSettings(host="127.0.0.1", port=broker.port), outbox, tool_id=TOOL)
+        try:
+            async with sending(publisher):
+                await until(lambda: publisher.connected, 10.0, "connected")
+                put(outbox)
+                await until(lambda: outbox.stats.acknowledged == 1, 10.0, "acknowledged")
+                selector: Any = asyncio.get_running_loop()._selector  # type: ignore[attr-defined]
+                select = selector.select
+
+                def counted(timeout: float | None = None) -> Any:
+                    nonlocal turns
+                    turns += 1
+                    return select(timeout)
+
+                monkeypatch.setattr(selector, "select", counted)
+                for _ in range(messages):
+                    put(outbox)
+                    await asyncio.sleep(0.02)
+                monkeypatch.undo()
+                await until(lambda: outbox.stats.acknowledged == messages + 1, 10.0, "all acknowledged")
+        finally:
+            outbox.stop(5.0)
+    assert turns / messages <= 6.0
+
+
+async def test_what_is_not_acknowledged_in_time_ends_the_connection_and_comes_again(tmp_path: Path) -> None:
+    """One timer looks after all that is under way: it must not forget those that were sent after the first."""
+    with Mosquitto(tmp_path / "broker") as broker:
+        async with Proxy(broker.port) as proxy:
+            await one_without_an_answer(tmp_path, proxy)
+
+
+async def one_without_an_answer(tmp_path: Path, proxy: Proxy) -> None:
+    outbox = make_outbox(tmp_path / "outbox.sqlite")
+    outbox.start()
+    settings = MqttSettings(host="127.0.0.1", port=proxy.port, ack_timeout_s=1.0, keepalive_s=60)
+    publisher = Publisher(settings, outbox, tool_id=TOOL)
+    try:
+        async with sending(publisher):
+            for _ in range(3):
+                put(outbox)
+            await until(lambda: outbox.stats.acknowledged == 3, 10.0, "acknowledged")
+            await asyncio.sleep(0.5)
+            proxy.fall_silent()
+            began = time.monotonic()
+            put(outbox)
+            await until(lambda: publisher.stats.failures.get("no acknowledgement") == 1, 5.0, "noticed")
+            assert 0.9 <= time.monotonic() - began < 3.0
+            proxy.speak()
+            await until(lambda: outbox.stats.acknowledged == 4, 10.0, "sent again")
+    finally:
+        outbox.stop(5.0)

@@ -74,3 +74,30 @@ def test_every_command_that_names_an_output_is_guarded() -> None:
         command.__name__ for command in commands(app_of()) if dict(overwriting._outputs(inspect.unwrap(command)))
     }
     assert guarded == written and len(guarded) > 20
+
+
+PRECIOUS = {
+    "mine.key": b"-----BEGIN PRIVATE KEY-----\nMC4CAQ==\n-----END PRIVATE KEY-----\n",
+    "wire.hsw": b"HSWIRE1\n{}\n",
+    "outbox.sqlite": b"SQLite format 3\0" + b"\0" * 84,
+    "bench.journal": b'{"n":0,"e":"session"}\n',
+}
+
+
+@pytest.mark.parametrize("name", PRECIOUS)
+@pytest.mark.parametrize("words", ["calibrate poses rec.csv -o", "export rec.csv --to csv -o"])
+def test_what_nobody_can_make_again_is_not_replaced(folder: Path, tmp_path: Path, name: str, words: str) -> None:
+    there = tmp_path / name
+    there.write_bytes(PRECIOUS[name])
+    command = [HIGHSIDE, *words.split(), str(there)]
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 2, done.stdout
+    assert len(done.stderr.splitlines()) == 1
+    assert "is not replaced" in done.stderr and str(there) in done.stderr
+    assert there.read_bytes() == PRECIOUS[name]
+
+
+def test_a_command_replaces_its_own_earlier_answer(folder: Path, tmp_path: Path) -> None:
+    for _ in range(2):
+        command = [HIGHSIDE, "export", "rec.csv", "--to", "csv", "-o", str(tmp_path / "out.csv")]
+        subprocess.run(command, cwd=folder, check=True, capture_output=True, timeout=120)

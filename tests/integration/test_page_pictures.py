@@ -33,7 +33,7 @@ SIZES = {360: 780, 820: 1180, 1400: 860}
 
 SCALE = 4
 """A kept picture is the screen made smaller by this: shapes and colours stay, how a font is smoothed goes."""
-COLOURS = 32
+COLOURS = 64
 LEVEL = 40
 """Of 255, after a blur of a pixel: what differs by more is another colour or another thing there."""
 SHARE = 0.01
@@ -95,6 +95,8 @@ async def a_page(browser: Browser, link: str) -> AsyncIterator[Page]:
     page.set_default_timeout(60_000)
     await page.goto(link)
     await page.wait_for_selector(".badge")
+    await page.wait_for_selector(".scene:not([data-initializing])", state="attached")
+    await page.wait_for_timeout(1_000)
     await page.add_style_tag(content=FONT)
     yield page
     await context.close()
@@ -110,6 +112,9 @@ async def show(page: Page, say: asyncio.StreamWriter, name: str, width: int) -> 
         """async () => {
           scrollTo(0, 0); document.querySelector('section.list').scrollTop = 0; document.activeElement.blur();
           await document.fonts.ready;
+          // what is drawn in three dimensions is turned a little after the words, and drawn ten times a second
+          await new Promise((done) => setTimeout(done, 250));
+          dispatchEvent(new Event("resize"));
           for (let k = 0; k < 3; k++) await new Promise(requestAnimationFrame);
         }"""
     )
@@ -182,6 +187,26 @@ async def test_every_state_at_three_widths_is_as_it_is_kept() -> None:
         f"{name}-{width}" for name in PAGES for width in SIZES
     }
     assert sum(path.stat().st_size for path in KEPT.iterdir()) < 1_500_000
+
+
+ABOVE = """() => {
+  const buttons = document.querySelector('.commands .keys').getBoundingClientRect().top;
+  const ends = {};
+  for (const name of ['h1.prompt', '.bar', '.figures', '.scene']) {
+    ends[name] = buttons - document.querySelector(name).getBoundingClientRect().bottom;
+  }
+  return ends;
+}"""
+
+
+async def test_on_a_phone_all_that_is_looked_at_while_turning_is_seen_without_scrolling() -> None:
+    """Sentence, hold, angles and picture, above the buttons at the foot of a screen of 360 by 740."""
+    async with slides() as (link, say), chromium() as browser, a_page(browser, link) as page:
+        for name in ("guiding", "measuring", "again"):
+            await show(page, say, name, 360)
+            await page.set_viewport_size({"width": 360, "height": 740})
+            room = await page.evaluate(ABOVE)
+            assert all(left >= 0.0 for left in room.values()), (name, room)
 
 
 async def test_rules_meant_for_a_box_that_reach_a_row_are_seen() -> None:

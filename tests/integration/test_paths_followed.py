@@ -98,7 +98,7 @@ def test_the_path_of_the_engineer(tmp_path: Path) -> None:
     env = environment(tmp_path)
     made, found, again = (text for kind, text in blocks(PATHS / "desk.md") if kind == "sh")
     run(made, tmp_path, env)
-    assert "named - The simulation leaves out: base_tilt" in run(found, tmp_path, env)
+    assert "named - The simulation omits levelling error of the bench" in run(found, tmp_path, env)
     assert json.loads((tmp_path / "report" / "diagnosis.json").read_text())["claims"][0]["effect"] == "base_tilt"
     assert (tmp_path / "report" / "report.html").is_file()
     assert "base_tilt" in (said := run(again, tmp_path, env)) and "confirmed" in said

@@ -19,10 +19,14 @@ from playwright.async_api import Page, expect
 from test_bench_page import assert_accessible, assert_fits
 from test_tools_page import serve, watched
 
+from highside.bench import photographs
+from highside.bench.session.entries import Photographed
+from highside.bench.session.journal import encode_all, read_journal
 from highside.calibration.method import SolveRequest
 from highside.calibration.record import CalibrationRecord, Environment, build_record, solve_poses
 from highside.physics.gravity import gravity_direction
 from highside.recording.calibration_store import CalibrationStore
+from tests.photograph import a_photograph
 
 SHOTS = os.environ.get("HIGHSIDE_SHOTS")
 NOW = time.time()
@@ -62,8 +66,22 @@ def kept(tmp_path_factory: pytest.TempPathFactory) -> Path:
     store.add(other)
     damaged = store.directory / "records" / f"{'0' * 64}.json"
     damaged.write_text(second.to_json().replace("bench 1", "bench 2"))
+    photographed(next((folder / "state" / "sessions").glob("*.journal")))
     (folder / "state" / "sessions" / "tool-7_20261121T024000Z.journal").write_text("not a journal\n")
     return folder
+
+
+def photographed(path: Path) -> None:
+    """Two photographs to a session, one of them changed afterwards."""
+    journal = read_journal(path.read_bytes())
+    entries = list(zip(journal.entries, journal.times_s, strict=True))
+    for height in (300, 310):
+        picture = photographs.drawn_anew(a_photograph(400, height))
+        photographs.keep(path, picture)
+        entries.append((Photographed("A. Operator", EVIL, picture.sha256, picture.width, picture.height), NOW))
+    path.write_bytes(encode_all(journal.header, entries))
+    with (photographs.folder_of(path) / f"{picture.sha256}.jpg").open("ab") as file:
+        file.write(b"more")
 
 
 def options(kept: Path) -> tuple[str, ...]:
@@ -137,6 +155,12 @@ async def test_what_is_kept_is_read_in_a_browser_by_the_keyboard(kept: Path) -> 
         await expect(page.locator("h1")).to_contain_text("accepted")
         await expect(page.get_by_role("region", name="poses").locator("tbody tr")).to_have_count(6)
         await expect(page.get_by_role("columnheader", name="attempts")).to_be_visible()
+        taken = page.locator("figure.photograph")
+        await expect(taken).to_have_count(1)
+        await taken.scroll_into_view_if_needed()
+        await expect(taken.locator("img")).to_have_js_property("naturalWidth", 300)
+        await expect(taken.locator("figcaption")).to_contain_text(EVIL)
+        await expect(page.locator(".alarm")).to_contain_text("was changed after it was taken")
         await in_every_dress(page, "session")
         await page.get_by_role("link", name="report").click()
         await expect(page.locator("h1")).to_contain_text("Session tool-7")

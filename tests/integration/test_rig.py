@@ -231,7 +231,12 @@ def test_reload_takes_new_outputs_and_refuses_what_cannot_be(tmp_path: Path, bro
             peer = wait_for(lambda: _connected(port), 10, "the server", daemon)
             assert receive(peer, 2)
             peer.close()
+            for _ in range(10):  # who comes and goes all day does not fill the log
+                peer = wait_for(lambda: _connected(port), 10, "the server", daemon)
+                assert receive(peer, 1)
+                peer.close()
             assert daemon.terminate() == 0
+            assert len([said for said in daemon.log.splitlines() if "wits" in said]) <= 4, daemon.log
     finally:
         subscriber.close()
 

@@ -5,15 +5,18 @@ from __future__ import annotations
 import json
 import os
 import re
+import shutil
 import signal
 from pathlib import Path
 
 import pytest
-from broker import Mosquitto
-from daemon import Pty, Subscriber, running, wait_for
+from broker import Mosquitto, free_port
+from daemon import Pty, Subscriber, is_held, running, wait_for
 
 from highside.codec.tool import encode
+from highside.errors import InputError
 from highside.service.damage import DamageLog
+from highside.service.outbox import inspect
 
 pytestmark = pytest.mark.slow
 
@@ -243,3 +246,53 @@ def test_a_start_that_fails_again_and_again_is_reported_once_it_succeeds(tmp_pat
     finally:
         subscriber.close()
         line.close()
+
+
+@pytest.mark.timeout(120)
+def test_a_state_directory_deleted_under_the_service_costs_no_message_and_is_told(tmp_path, broker):
+    """`rm -rf` of what it has open, while messages wait in it for a broker."""
+    line, state = Pty(), tmp_path / "state"
+    path = configuration(tmp_path, line.path, free_port(), "[recorder]\nenabled = true\n")
+    text = path.read_text()
+    try:
+        with running(path) as daemon:
+            wait_for((state / "outbox.sqlite").exists, 30, "the daemon's outbox", daemon)
+            wait_for(lambda: is_held(line.path), 10, "the port", daemon)
+            line.write_all(frames(0, 200))
+            wait_for(lambda: stored(state) >= 15, 10, "messages that wait", daemon)
+            shutil.rmtree(state)
+            wait_for(lambda: stored(state) >= 15, 5, "the same messages in a new file", daemon)
+            assert len([log for log in daemon.log.splitlines() if "deleted or replaced while in use" in log]) == 1
+
+            subscriber = Subscriber(broker.port)
+            try:
+                path.write_text(text.replace(re.search(r"(?m)^port = \d+$", text)[0], f"port = {broker.port}"))
+                daemon.process.send_signal(signal.SIGHUP)
+                line.write_all(frames(200, 400))
+                wait_for(lambda: len(seqs(subscriber)) >= 39, 10, "all attitudes", daemon)
+                health = wait_for(lambda: subscriber.latest("health"), 10, "health", daemon)
+                assert "outbox_replaced" in health["alarms"]
+                assert "outbox_storage" not in health["alarms"]
+                assert health["outbox"]["replaced"] == 1
+                assert not health["outbox"]["dropped"]
+                assert all(health["balance"].values())
+                assert daemon.terminate() == 0, daemon.log
+                found = seqs(subscriber)
+                assert found == list(range(len(found)))
+            finally:
+                subscriber.close()
+            assert "Traceback" not in daemon.log
+            assert list((state / "recordings").iterdir()), "the recorder went on, too"
+    finally:
+        line.close()
+
+
+def seqs(subscriber: Subscriber) -> list[int]:
+    return sorted({payload["seq"] for payload in subscriber.payloads("attitude")})
+
+
+def stored(state: Path) -> int:
+    try:
+        return inspect(state / "outbox.sqlite").queued
+    except InputError:
+        return 0

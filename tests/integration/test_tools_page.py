@@ -174,7 +174,7 @@ async def test_tools_are_shown_and_what_is_old_is_grey(tmp_path: Path, mosquitto
             await page.locator("section.watch canvas").wait_for()
             await expect(page.locator("section.watch [aria-label*='bands of 95 percent']")).to_be_visible()
             await page.locator("section.watch summary").click()
-            await expect(page.locator("section.watch tbody")).to_contain_text("+0.8 ± 0.1")
+            await expect(page.locator("section.watch tbody")).to_contain_text("+0.80 ±\u00a00.10")
             # the 3-D picture is there: its canvas has been drawn on
             await page.locator("section.space canvas").wait_for()
             await page.locator("section.trend canvas").first.wait_for()

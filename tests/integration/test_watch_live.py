@@ -76,15 +76,16 @@ def store(tmp_path: Path, calibration: highside.Calibration) -> Path:
 class Tool:
     """Sends the rows of a well over a pty, stand by stand; where the offset steps, the readings of a shock too."""
 
-    def __init__(self, rows: dict[str, Array]) -> None:
+    def __init__(self, rows: dict[str, Array], rows_a_stand: int = ROWS) -> None:
         self.pty = Pty()
+        self._rows_a_stand = rows_a_stand
         self.sent = self.shocks = 0
         self._rows = rows
         self._t = 0.0
 
     def stands(self, first: int, stop: int) -> None:
         data = bytearray()
-        for k in range(first * ROWS, stop * ROWS):
+        for k in range(first * self._rows_a_stand, stop * self._rows_a_stand):
             if k == STEP_AT * ROWS:
                 # beyond the range in which readings are believed, a moment before the stand
                 data += self._frame(float(self._rows["t_s"][k]) - 0.05, (25.0, 0.1, 1.0), (0.0, 0.0, 0.0))
@@ -302,6 +303,10 @@ def test_a_person_puts_the_proposal_in_force_and_takes_it_back_while_the_service
             said = wait_for(lambda: (w := watch(ear)) and w.cal_id == record.id and w, 10.0, "the new watch", daemon)
             assert said.began == f"began anew: the calibration is another one ({record.id[:12]})"
             assert (said.verdict, said.stills, said.claims) == ("learning", 0, [])
+            # the picture of the last day goes on, with a mark
+            shown = wait_for(lambda: (h := history_said(ear)) and h.cal_id == record.id and h, 10.0, "history", daemon)
+            assert len(shown.times) >= STANDS
+            assert [(one.before, one.cal_id, one.why) for one in shown.changes] == [(first, record.id, said.began)]
             wait_for(lambda: "calibration_departs" not in alarms(ear), 10.0, "the end of the alarm", daemon)
             tool.stands(STANDS, STANDS + HOLDS)
             said = after(ear, daemon, HOLDS, HOLDS - 1)
@@ -389,6 +394,23 @@ def test_what_the_service_says_of_the_last_day_outlasts_a_kill_and_the_dashboard
         ear.close()
 
 
+def rig(folder: Path, tools: dict[str, Tool], broker: Mosquitto, store: Path) -> Path:
+    """Configuration of several tools in one process."""
+    path = folder / "rig.toml"
+    path.write_text(
+        f'[codec]\nname = "tool"\n[pipeline]\noutput_rate_hz = 0.5\naveraging_s = 1.0\n'
+        f'[calibration]\nstore = "{store}"\n'
+        f"[site]\ngravity_mps2 = 9.81\n[mqtt]\nport = {broker.port}\n[recorder]\nenabled = false\n"
+        "[watch]\ninterval_s = 0.1\nsave_interval_s = 0.2\n"
+        f'[service]\nstate_dir = "{folder / "state"}"\nhealth_interval_s = 0.2\n'
+        + "".join(
+            f'[[tools]]\nid = "{name}"\nlink = {{ kind = "serial", port = "{tool.pty.path}", stale_after_s = 0.0 }}\n'
+            for name, tool in tools.items()
+        )
+    )
+    return path
+
+
 def test_of_two_tools_in_one_process_only_the_one_that_was_shaken_departs(
     tmp_path: Path, broker: Mosquitto, well: dict[str, Array], store: Path
 ) -> None:
@@ -396,18 +418,7 @@ def test_of_two_tools_in_one_process_only_the_one_that_was_shaken_departs(
     second = highside.calibrate(poses_of_a_good_tool(2), "joint", tool="HS-2", temp_c=25.0)
     CalibrationStore(store).activate(second.record, now_s=1.7e9)
     tools = {"HS-1": Tool(well), "HS-2": Tool(still)}
-    path = tmp_path / "rig.toml"
-    path.write_text(
-        f'[codec]\nname = "tool"\n[pipeline]\noutput_rate_hz = 0.5\naveraging_s = 1.0\n'
-        f'[calibration]\nstore = "{store}"\n'
-        f"[site]\ngravity_mps2 = 9.81\n[mqtt]\nport = {broker.port}\n[recorder]\nenabled = false\n"
-        "[watch]\ninterval_s = 0.1\nsave_interval_s = 0.2\n"
-        f'[service]\nstate_dir = "{tmp_path / "state"}"\nhealth_interval_s = 0.2\n'
-        + "".join(
-            f'[[tools]]\nid = "{name}"\nlink = {{ kind = "serial", port = "{tool.pty.path}", stale_after_s = 0.0 }}\n'
-            for name, tool in tools.items()
-        )
-    )
+    path = rig(tmp_path, tools, broker, store)
     ears = {name: Subscriber(broker.port, f"highside/{name}/#") for name in tools}
     try:
         with running(path) as daemon:
@@ -428,6 +439,46 @@ def test_of_two_tools_in_one_process_only_the_one_that_was_shaken_departs(
             assert health is not None
             assert (health["monitor"]["received"], health["monitor"]["gap"]) == (tool.sent, 0)
             assert all(health["balance"].values())
+    finally:
+        for ear in ears.values():
+            ear.close()
+        for tool in tools.values():
+            tool.pty.close()
+
+
+def test_a_dead_a_stuck_and_a_saturated_axis_are_each_named_with_their_letter(
+    tmp_path: Path, broker: Mosquitto, store: Path
+) -> None:
+    """Three tools in one process: after a good stand of four, each has an axis that reads gravity no more. Stands are
+    as short as a turn that is used allows, and their rows as few."""
+    whole = rows_of_a_well(3, stands=4, inclinations_deg=(40.0, 60.0), rate_hz=20, turns_s=45.0)
+    broken = whole["t_s"] >= 1800.0
+    cases = {
+        "HS-1": ("ax_g", 0.0 * whole["ax_g"], ["dead axis x"]),
+        "HS-2": ("ay_g", 0.0 * whole["ay_g"] + 0.31, ["stuck axis y", "saturation of y"]),
+        "HS-3": ("ax_g", np.clip(whole["ax_g"], -0.4, 0.4), ["saturation of x"]),
+    }
+    rows_a_stand = whole["t_s"].size // 4
+    tools = {
+        name: Tool(whole | {at: np.where(broken, bad, whole[at])}, rows_a_stand) for name, (at, bad, _) in cases.items()
+    }
+    for name in ("HS-2", "HS-3"):
+        own = highside.calibrate(poses_of_a_good_tool(1), "joint", tool=name, temp_c=25.0)
+        CalibrationStore(store).activate(own.record, now_s=1.7e9)
+    ears = {name: Subscriber(broker.port, f"highside/{name}/#") for name in tools}
+    try:
+        with running(rig(tmp_path, tools, broker, store)) as daemon:
+            for name, tool in tools.items():
+                wait_for(lambda ear=ears[name]: watch(ear), 60.0, f"the watch of {name}", daemon)
+                tool.stands(0, 4)
+            for name, (_, _, names) in cases.items():
+                departed = lambda ear=ears[name]: (w := watch(ear)) and w.verdict == "departs" and w  # noqa: E731
+                said = wait_for(departed, 60.0, f"the departure of {name}", daemon)
+                (claim,) = said.claims
+                assert (claim.parameter, claim.equivalence_class, claim.error) == ("length", names, None)
+                assert "pull the tool" in said.advice[0]
+                wait_for(lambda ear=ears[name]: "calibration_departs" in alarms(ear), 10.0, "the alarm", daemon)
+            assert daemon.terminate() == 0
     finally:
         for ear in ears.values():
             ear.close()

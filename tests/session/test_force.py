@@ -10,6 +10,7 @@ import pytest
 from rehearsal import Rehearsal
 
 from highside.bench.session import plans
+from highside.bench.session.commands import Origin
 from highside.bench.session.entries import PutInForce
 from highside.bench.session.journal import StorageError, read_journal
 from highside.bench.session.plans import Limits
@@ -33,13 +34,40 @@ class Bench:
         self.record: CalibrationRecord = self.session.record
         self.store.keep(self.record)
 
-    def say(self, name: CommandName, confirm: str | None = None, operator: str = "simulated") -> Reply:
-        request = os.urandom(8).hex()
-        return self.session.command(Command(name=name, request_id=request, operator=operator, confirm=confirm), 0.0)
+    def say(
+        self,
+        name: CommandName,
+        confirm: str | None = None,
+        operator: str = "simulated",
+        origin: Origin = Origin.HERE,
+    ) -> Reply:
+        command = Command(name=name, request_id=os.urandom(8).hex(), operator=operator, confirm=confirm)
+        return self.session.command(command, 0.0, origin)
 
     @property
     def allowed(self) -> list[CommandName]:
         return View(self.session).snapshot().allowed
+
+
+def test_the_first_one_put_in_force_is_taken_back_to_nothing_by_who_put_it_there(tmp_path: Path) -> None:
+    first, kept = Bench(tmp_path, seed=1), CalibrationStore(tmp_path)
+    assert first.say(CommandName.ROLLBACK, "nothing").reason == "nothing_before", "none is in force"
+    assert first.say(CommandName.ACTIVATE, first.record.id).accepted
+    assert first.allowed == [CommandName.ROLLBACK]
+    assert first.say(CommandName.ROLLBACK, first.record.id).reason == "not_confirmed", (
+        "that is not what is in force then"
+    )
+    second = Bench(tmp_path, seed=2)
+    assert second.allowed == [CommandName.ACTIVATE], "another session's is not taken out"
+    assert second.say(CommandName.ROLLBACK, "nothing").reason == "nothing_before"
+    assert first.say(CommandName.ROLLBACK, "nothing").accepted
+    assert kept.active_id("tool") is None and first.allowed == [CommandName.ACTIVATE]
+    assert "not in force" in View(first.session).snapshot().prompt
+    told = [e for e in read_journal(first.rehearsal.journal).entries if isinstance(e, PutInForce)]
+    assert [(e.how, e.record) for e in told] == [("activate", first.record.id), ("rollback", "nothing")]
+    # and on from there, as if nothing had been
+    assert first.say(CommandName.ACTIVATE, first.record.id).accepted
+    assert (kept.active_id("tool"), kept.before_id("tool")) == (first.record.id, None)
 
 
 def test_put_in_force_and_taken_back(tmp_path: Path) -> None:
@@ -48,9 +76,7 @@ def test_put_in_force_and_taken_back(tmp_path: Path) -> None:
     assert first.say(CommandName.ACTIVATE, first.record.id[:6]).accepted
     kept = CalibrationStore(tmp_path)
     assert kept.active_id("tool") == first.record.id
-    assert first.allowed == [], "it is in force, and there is nothing before"
     assert first.say(CommandName.ACTIVATE, first.record.id).reason == "in_force"
-    assert first.say(CommandName.ROLLBACK, first.record.id).reason == "nothing_before"
 
     second = Bench(tmp_path, seed=2)
     shown = View(second.session).snapshot()
@@ -85,10 +111,11 @@ def test_a_store_that_changed_meanwhile_is_not_rolled_back_to_something_else(tmp
     assert CalibrationStore(tmp_path).active_id("tool") == third.record.id
 
 
-def test_only_the_operator_who_holds_it_and_only_by_name(tmp_path: Path) -> None:
+def test_at_the_broker_only_who_holds_it_and_only_by_name(tmp_path: Path) -> None:
     bench = Bench(tmp_path)
     record = bench.record.id
-    assert bench.say(CommandName.ACTIVATE, record, "stranger").reason == "held_by_other"
+    for operator in ("stranger", "simulated"):
+        assert bench.say(CommandName.ACTIVATE, record, operator, Origin.BROKER).reason == "held_by_other"
     for confirm in (None, record[:5], "0" * 64 if record[0] != "0" else "1" * 64):
         reply = bench.say(CommandName.ACTIVATE, confirm)
         assert reply.reason == "not_confirmed" and record[:12] in reply.text
@@ -98,6 +125,15 @@ def test_only_the_operator_who_holds_it_and_only_by_name(tmp_path: Path) -> None
     first = bench.session.command(command, 0.0)
     assert first.accepted and bench.session.command(command, 0.0) == first
     assert len(CalibrationStore(tmp_path).history()) == 1
+
+
+def test_another_than_who_measured_may_decide_at_the_bench(tmp_path: Path) -> None:
+    bench = Bench(tmp_path)
+    assert bench.say(CommandName.UNDO, operator="manager").reason in ("held_by_other", "not_now")
+    assert bench.say(CommandName.ACTIVATE, bench.record.id, "manager").accepted
+    assert CalibrationStore(tmp_path).active_id("tool") == bench.record.id
+    last = [e for e in read_journal(bench.rehearsal.journal).entries if isinstance(e, PutInForce)][-1]
+    assert last.operator == "manager"
 
 
 def test_not_before_it_is_accepted(tmp_path: Path) -> None:

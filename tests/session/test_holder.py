@@ -103,3 +103,15 @@ def test_a_secret_that_is_none_is_wrong_input(secret: object) -> None:
     body = {"name": "start", "request_id": "1", "operator": "a", "secret": secret}
     with pytest.raises(ValidationError):
         Command.model_validate_json(json.dumps(body))
+
+
+def test_another_command_under_a_used_id_is_refused_and_not_called_done(session: BenchSession) -> None:
+    first = say(session, "start", Origin.HERE, request="1")
+    assert first.accepted
+    assert say(session, "start", Origin.HERE, request="1") == first
+    again = say(session, "pause", Origin.HERE, request="1")
+    assert (again.accepted, again.reason) == (False, "id_used")
+    assert "start" in again.text
+    assert session.state is not SessionState.PAUSED
+    assert say(session, "pause", Origin.HERE, request="2").accepted
+    assert session.state is SessionState.PAUSED

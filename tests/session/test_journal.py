@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import json
 import os
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -208,3 +209,33 @@ def test_the_newest_unfinished_session_of_a_tool_is_found(tmp_path: Path, done: 
     found = unfinished(tmp_path, "tool", lambda _: False)
     assert found is not None and found.path.name.endswith("-3.journal")
     assert unfinished(tmp_path, "other", lambda _: True) is None
+
+
+@pytest.mark.parametrize("how", ["deleted", "its folder deleted", "moved away", "another in its place"])
+def test_a_journal_that_is_taken_away_in_the_middle_is_written_anew_with_all_it_held(
+    done: Rehearsal, tmp_path: Path, how: str
+) -> None:
+    folder = tmp_path / "sessions"
+    file = JournalFile.create(folder, done.header)
+    half = len(done.entries) // 2
+    for entry in done.entries[:half]:
+        file.write(entry, 1e9)
+    if how == "deleted":
+        file.path.unlink()
+    elif how == "its folder deleted":
+        shutil.rmtree(folder)
+    elif how == "moved away":
+        folder.rename(tmp_path / "elsewhere")
+    else:
+        file.path.unlink()
+        file.path.write_bytes(b"another's")
+        with pytest.raises(StorageError, match="exists"):
+            file.write(done.entries[half], 1e9)
+        assert file.path.read_bytes() == b"another's", "left alone"
+        file.path.unlink()
+    for entry in done.entries[half:]:
+        file.write(entry, 1e9)
+    with pytest.raises(InputError, match="another process drives"):
+        JournalFile.reopen(file.path)
+    file.close()
+    assert list(read_journal(file.path.read_bytes()).entries) == done.entries

@@ -125,3 +125,22 @@ def test_nothing_still_is_said() -> None:
         find_still_intervals(turning + 1e-4 * np.random.default_rng(0).standard_normal(turning.shape), 100.0)
     with pytest.raises(InputError, match="too few"):
         find_still_intervals(np.zeros((3, 5)), 100.0)
+
+
+@pytest.mark.parametrize("hold_s", [1.8, 2.0, 2.2])
+def test_holds_of_two_seconds_are_found_wherever_they_begin(hold_s: float) -> None:
+    """They lie in three or four windows of half a second, of which those at their ends share a movement."""
+    rng = np.random.default_rng(1)
+    holds, move_s, rate_hz, sigma = 20, 1.37, 50.0, 1e-3
+    aims = rng.normal(size=(holds, 3))
+    aims /= np.linalg.norm(aims, axis=1, keepdims=True)
+    t_s = np.arange(int(holds * (hold_s + move_s) * rate_hz)) / rate_hz
+    which = np.minimum((t_s / (hold_s + move_s)).astype(int), holds - 1)
+    share = np.clip((t_s - which * (hold_s + move_s) - hold_s) / move_s, 0.0, 1.0)[:, None]
+    up = (1 - share) * aims[which] + share * aims[np.minimum(which + 1, holds - 1)]
+    a = up.T / np.linalg.norm(up, axis=1) + rng.normal(0, sigma, (3, t_s.size))
+    found = find_still_intervals(a, rate_hz)
+    assert len(found) == holds
+    for k, interval in enumerate(found):
+        assert interval.rows().size >= 1.5 * rate_hz
+        assert np.abs(a[:, interval.rows()].mean(axis=1) - aims[k]).max() < sigma

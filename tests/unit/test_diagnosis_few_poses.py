@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.signal import lfilter
 
 from highside import api
 from highside.physics.forward import ForwardModel
@@ -53,3 +54,15 @@ def test_what_few_poses_can_show_is_named(n: int) -> None:
 def test_what_few_poses_show_and_cannot_name_is_no_silence() -> None:
     found = api.diagnose(stepped(12, 2, quadratic={"k2_x": 1e-3}), MODEL).found
     assert found.verdict not in ("nothing_left_out", "bad_data", "not_testable")
+
+
+@pytest.mark.parametrize("seed", [0, 3])
+def test_scatter_that_is_correlated_over_much_of_a_session_is_no_silence(seed: int) -> None:
+    """It was "nothing_left_out": noise of such a memory had been identified, in four independent stretches."""
+    columns, drawn = stepped(36, seed), np.random.default_rng([seed, 1]).normal(0, 1.8e-4, 66)
+    slow = lfilter([1.0], [1.0, -0.8], drawn)[30:]
+    columns["ax_g"] = columns["ax_g"] + np.repeat(slow, ROWS)
+    found = api.diagnose(columns, MODEL).found
+    assert found.verdict == "not_testable"
+    assert not found.claims
+    assert "record 80 poses or more" in found.remainder.hints[0]

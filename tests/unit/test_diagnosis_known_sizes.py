@@ -30,15 +30,16 @@ def diagnosed(true: Model, simulated: Model) -> Diagnosis:
 
 
 def test_the_size_in_the_simulation_stands_beside_the_one_found() -> None:
-    from highside.report.diagnosis_claims import claim_size
-    from highside.report.diagnosis_words import claimed
+    from highside.report.diagnosis_claims import claim_size, first_sentence
 
     made = diagnosed(model(0.2), model(0.05))
     (claim,) = made.claims
     assert claim.effect == "base_tilt"
     assert claim.simulated == pytest.approx({"tilt_x": TILT_RAD / 4, "tilt_y": -TILT_RAD / 4})
     assert claim.parameters["tilt_x"].low < TILT_RAD < claim.parameters["tilt_x"].high
-    assert claimed(made.found) == "At another size than the simulation has it: base_tilt"
+    assert first_sentence(made.found, {}, "") == (
+        "The simulation has levelling error of the bench (100% of the misfit) at another size."
+    )
     assert "in the simulation 0.87" in claim_size(claim)
     assert "at another size" in made.html()
     assert json.loads(json.dumps(made.to_dict()))["claims"][0]["simulated"]["tilt_x"] == pytest.approx(TILT_RAD / 4)
@@ -46,21 +47,24 @@ def test_the_size_in_the_simulation_stands_beside_the_one_found() -> None:
 
 @pytest.mark.parametrize("simulated", [None, 0.0])
 def test_what_the_simulation_lacks_or_has_at_zero_is_left_out(simulated: float | None) -> None:
-    from highside.report.diagnosis_words import claimed
+    from highside.report.diagnosis_claims import first_sentence
 
     made = diagnosed(model(0.2), model(simulated))
     assert [claim.simulated for claim in made.claims] == [{}]
-    assert claimed(made.found) == "The simulation leaves out: base_tilt"
+    assert first_sentence(made.found, {}, "") == (
+        "The simulation omits levelling error of the bench (100% of the misfit)."
+    )
 
 
 def test_one_left_out_and_one_at_another_size_are_told_apart() -> None:
-    from highside.report.diagnosis_words import claimed
+    from highside.report.diagnosis_claims import first_sentence
 
     made = diagnosed(model(0.2, quadratic=4e-4), model(0.05))
     assert {claim.effect: bool(claim.simulated) for claim in made.claims} == {"base_tilt": True, "quadratic": False}
-    assert claimed(made.found) == (
-        "The simulation leaves out: quadratic; at another size than the simulation has it: base_tilt"
-    )
+    said = first_sentence(made.found, {}, "")
+    assert said.startswith("The simulation omits scale-factor nonlinearity K2 (quadratic) (")
+    assert "of the misfit), and has levelling error of the bench (" in said
+    assert said.endswith("of the misfit) at another size.")
 
 
 def test_the_right_size_is_nothing() -> None:

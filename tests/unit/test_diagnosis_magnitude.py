@@ -9,9 +9,11 @@ from highside.diagnosis.core.result import DiagnosisResult, FittedParameter
 from highside.diagnosis.engine import diagnose_magnitudes
 from highside.diagnosis.magnitude.fit import from_the_start
 from highside.diagnosis.magnitude.session import MagnitudeSession, magnitude_session
+from highside.diagnosis.recording import Request, diagnose_columns
 from highside.physics.effects import get
 from highside.physics.forward import ForwardModel
 from highside.physics.gravity import attitude_of
+from highside.physics.plan import Site
 from highside.physics.state import ChainState
 
 ROWS, RATE_HZ, SIGMA_G = 200, 50.0, 2e-4
@@ -137,3 +139,59 @@ def test_intervals_at_rest_allow_for_a_walk_that_hardly_shows() -> None:
             stated = found.claims[0].parameters["a_z"]
             misses.append(abs(stated.value - 1e-3 * np.sqrt(0.95)) > 2.0 * stated.std)
     assert len(misses) >= 8 and sum(misses) <= 2
+
+
+FACES = np.array([[1, -1, 0, 0, 0, 0, 1, 1], [0, 0, 1, -1, 0, 0, 1, -1], [0, 0, 0, 0, 1, -1, 1, 1]], dtype=float)
+
+
+def averages(
+    sensor: dict[str, dict[str, float]], count: int, free: tuple[str, ...], attitudes: np.ndarray = FACES
+) -> DiagnosisResult:
+    """Of a table of averages of 64 readings each, which says how well they repeat: the whole diagnosis."""
+    rng = np.random.default_rng(3)
+    inc, tf = attitude_of(attitudes[:, :count] / np.linalg.norm(attitudes[:, :count], axis=0))
+    readings = ForwardModel.of(sensor).predict(ChainState.build(inc, tf)) + rng.normal(0, 1e-4, (3, count))
+    columns = {
+        "t_s": 60.0 * np.arange(count),
+        "pose": np.arange(count, dtype=float),
+        "n": np.full(count, 64.0),
+        **dict(zip(("ax_g", "ay_g", "az_g"), readings, strict=True)),
+        **{f"std_a{axis}": np.full(count, 8e-4) for axis in "xyz"},
+    }
+    request = Request(
+        columns=columns,
+        complete=lambda *names: np.stack([columns[name] for name in names]),
+        forward=ForwardModel.of({}),
+        free=free,
+        site=Site(),
+        reference="magnitude",
+    )
+    return diagnose_columns(request).diagnosis
+
+
+@pytest.mark.parametrize(("effect", "size"), [("bias", {"b_x": 4e-3}), ("scale", {"s_y": 4e-3})])
+def test_a_table_of_eight_averages_that_says_how_well_they_repeat_is_named(effect: str, size: dict[str, float]) -> None:
+    found = averages({effect: size}, 8, ())
+    assert (found.verdict, [c.effect for c in found.claims]) == ("named", [effect])
+    assert averages({}, 8, ()).verdict == "nothing_left_out"
+
+
+def test_six_faces_show_that_they_disagree_more_than_they_repeat() -> None:
+    found = averages({"scale": {"s_y": 4e-3}}, 6, ("bias",))
+    assert found.verdict == "unknown"
+    assert "disagree" in found.remainder.hints[0]
+    assert not found.claims
+
+
+def test_six_faces_of_which_all_is_refitted_are_not_testable() -> None:
+    found = averages({}, 6, ("bias", "scale"))
+    assert found.verdict == "not_testable"
+    assert found.remainder.hints == (
+        "6 averages in 6 attitudes, of which bias, scale, which may be refitted, take up 6",
+    )
+    assert found.not_testable[0].needs.startswith("measure at least 9 attitudes")
+
+
+def test_a_model_of_which_nothing_may_be_refitted_is_diagnosed_with_laws() -> None:
+    """Nothing is free: the laws' columns begin with none."""
+    assert averages({}, 24, (), all_over(24)).verdict == "nothing_left_out"

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from highside.arrays import Array
-from highside.diagnosis.core.fit import Observed
+from highside.diagnosis.core.observed import Observed
 from highside.diagnosis.laws import evidence
 from highside.diagnosis.laws.evidence import Families, Whitened
 from highside.diagnosis.laws.groups import groups_of
@@ -22,9 +22,8 @@ from highside.diagnosis.laws.search import Found, Search
 from highside.diagnosis.rows import scratch
 from highside.diagnosis.rows.design import ChainDesign
 from highside.diagnosis.rows.policy import DESIGN
-from highside.diagnosis.rows.scratch import Scratch
-from highside.errors import InputError
 from highside.physics.forward import ForwardModel
+from studies.giant_recording import MODEL, written
 from tests.unit.test_diagnosis_long import FREE, STRONG, recording, turning
 from tests.unit.test_laws_search import offset_of_temp, problem, session
 
@@ -77,33 +76,6 @@ def test_gains_are_the_same_from_columns_made_anew_in_a_part_of_the_memory(
     assert little < 0.6 * much
 
 
-@pytest.mark.parametrize("offsets", [True, False])
-def test_stored_columns_read_back_as_they_were_put(offsets: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Also where the system has no reads at an offset of their own."""
-    if not offsets:
-        monkeypatch.delattr(scratch.os, "pread")
-    many = DESIGN.in_memory + 5
-    columns = np.random.default_rng(1).standard_normal((3, many))
-    where = Scratch()
-    stored = [where.put(column) for column in columns]
-    for part in (slice(0, 4096), slice(many - 7, many), slice(100, 100)):
-        for column, rows in zip(columns, stored, strict=True):
-            np.testing.assert_array_equal(rows(part), column[part])
-
-
-def test_no_room_for_stored_columns_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(scratch.tempfile, "tempdir", "/absent")
-    with pytest.raises(InputError, match=r"/absent: has no room for scratch columns of 30001 rows.*TMPDIR"):
-        Scratch().put(np.zeros(DESIGN.in_memory + 1))
-
-
-def test_a_scratch_file_that_cannot_be_read_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
-    stored = Scratch().put(np.zeros(DESIGN.in_memory + 1))
-    monkeypatch.setattr(scratch.os, "pread", lambda *_: b"")
-    with pytest.raises(InputError, match=r"a scratch file cannot be read back .0 of 80 bytes.*TMPDIR"):
-        stored(slice(0, 10))
-
-
 def test_a_design_is_the_same_with_columns_in_a_file(monkeypatch: pytest.MonkeyPatch) -> None:
     turned = recording(STRONG, turning(25.0))
     whole = ChainDesign(turned, ForwardModel.of({}), FREE)
@@ -123,34 +95,42 @@ def test_a_residual_by_runs_is_that_of_the_whole() -> None:
 
 
 DIAGNOSED = """
-import sys
+import json, sys
+from pathlib import Path
+from dataclasses import replace
+import highside
 from highside.diagnosis.core.method import ProcedureParts
-from highside.diagnosis.engine import diagnose_rotation
-from highside.physics.forward import ForwardModel
-from studies import rotation_cases as cases
-from tests.bench.diagnosis_speed import WEAK, rotation
+from highside.diagnosis.rotation import lines
 
-session = rotation(int(sys.argv[1]), WEAK)
-before = int(open("/proc/self/status").read().split("VmRSS:")[1].split()[0])
-found = diagnose_rotation(session, ForwardModel.of({}), cases.FREE, method=ProcedureParts.without("laws"))[0]
-peak = int(open("/proc/self/status").read().split("VmHWM:")[1].split()[0])
-print((peak - before) * 1024, *[claim.effect for claim in found.claims])
+# spectra of up to a million rows are made at once: here of fewer, so that what is left grows with the rows or does not
+lines.LINES_POLICY = replace(lines.LINES_POLICY, most_rows=1 << 16)
+found = highside.diagnose(
+    sys.argv[1], sys.argv[2], run_by_run=sys.argv[3] == "run by run", method=ProcedureParts.without("laws")
+)
+peak = int(Path("/proc/self/status").read_text().split("VmHWM:")[1].split()[0])
+print(peak * 1024, *[claim.effect for claim in found.claims])
 """
-"""a diagnosis without laws as a process of its own: bytes that it had at any time beyond the recording, and claims"""
+"""a diagnosis without laws as a process of its own: the most bytes that it had at any time, and claims"""
 
-MOST_BYTES_A_ROW = 600
-"""Source: 337 from 100,000 to 300,000 rows of three channels; 1,280 where all columns were kept in memory"""
+MOST_BYTES_MORE = {"in the memory": 270_000_000, "run by run": 128 << 20}
+"""from 100,000 to 400,000 rows, three channels. Source: 216 MB; run by run 14 to 67 MB in a dozen runs, as the peaks of
+threads fall together and the allocator keeps what was freed; where all columns of the design were kept in the memory it
+was 1,280 bytes a row, 384 MB. What still grows there are blocks, up to a thousand."""
 
 
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="needs /proc/self/status (Linux)")
-def test_rows_of_a_long_recording_take_little_memory_each() -> None:
-    few, many = 100_000, 300_000
+@pytest.mark.parametrize("way", list(MOST_BYTES_MORE))
+def test_rows_of_a_long_recording_take_little_memory_each(way: str, tmp_path: Path) -> None:
+    few, many = 100_000, 400_000
+    model = tmp_path / "model.toml"
+    model.write_text(MODEL)
 
     def taken(rows: int) -> int:
-        done = subprocess.run([sys.executable, "-c", DIAGNOSED, str(rows)], capture_output=True, text=True, timeout=600)
+        given = [str(written(rows, tmp_path)), str(model), way]
+        done = subprocess.run([sys.executable, "-c", DIAGNOSED, *given], capture_output=True, text=True, timeout=900)
         assert done.returncode == 0, done.stderr
         size, *claims = done.stdout.split()
         assert claims == ["lever_arm"]
         return int(size)
 
-    assert taken(many) - taken(few) < MOST_BYTES_A_ROW * (many - few)
+    assert taken(many) - taken(few) < MOST_BYTES_MORE[way]

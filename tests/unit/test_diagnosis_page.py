@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from highside.diagnosis.core.fit import JointFit, Observed
+from highside.diagnosis.core.fit import JointFit
+from highside.diagnosis.core.observed import Observed
 from highside.diagnosis.core.problem import ReportData, parts_of
 from highside.diagnosis.core.result import (
     Claim,
@@ -142,7 +143,7 @@ def test_a_law_stands_on_the_page_in_words_with_its_curve_and_band() -> None:
     )  # fmt: skip
     page = page_of(DiagnosisResult("law", claims=(law,)), one, "rec.csv")
     assert "<h1>The simulation omits an offset of ax that follows temperature (90%" in page
-    assert "a curve: -200 ug at its largest (+-20), over temperature 15 to 40 C" in page
+    assert "-200 ug (+-20) at its largest: a curve, over temperature 15 to 40 C" in page
     assert "a loose lead" in page and "Another session confirms or refutes it: vary temperature." in page
     assert "law:ax_temp" not in page.split("<details>")[0], "a name is in words before what is folded away"
 
@@ -231,3 +232,85 @@ def test_where_gravity_alone_is_known_nothing_is_reported_with_what_would_not_sh
     assert "step of the zero offset 310 ug" in words
     assert "quadratic" not in words
     assert verdict_words(replace(found, noise={})).startswith("Nothing was left out")
+
+
+def test_the_steps_end_at_what_is_left_where_the_parts_are_not_known() -> None:
+    """A step of |g| that takes all stood on the page with a bar of all that it takes as what is left."""
+    one = report_data(np.array(1e-4))
+    steps = steps_of(replace(one, channels=("ax", "ay", "az"), sigma=(1e-5,) * 3))
+    assert len(steps.names) == 1 and steps.left < 0.1 * steps.levels[0]
+    page = page_of(DiagnosisResult("named", claims=(claim_of("bias_step"),)), one, "rec.csv")
+    assert "<h1>The simulation omits step of the zero offset (100% of the misfit)" in page
+
+
+def test_a_share_of_the_misfit_allows_for_what_is_left() -> None:
+    """An effect that takes half of the misfit, and all of what is explained, has half of it."""
+    one = report_data(np.array(1e-4))
+    parts = {"lever_arm": one.before * (1 - np.sqrt(0.5))}
+    half = replace(one, after=one.before * np.sqrt(0.5), parts=parts, sigma=(1e-5,) * 3)
+    page = page_of(DiagnosisResult("named_plus", claims=(claim_of("lever_arm"),)), half, "rec.csv")
+    assert "lever arm (50% of the misfit), and something more" in page
+
+
+def test_a_sentence_lists_few_claims() -> None:
+    one = report_data(np.array(1e-4))
+    names = ("lever_arm", "bias", "scale", "time_offset", "bias_drift")
+    page = page_of(DiagnosisResult("named", claims=tuple(claim_of(n) for n in names)), one, "rec.csv")
+    assert "and 2 smaller things" in page.split("</h1>")[0]
+
+
+def test_where_nothing_was_found_the_proof_has_one_figure() -> None:
+    fit = Fit("g", 3.1e-5, 3.1e-5, 3.5e-5, 3.5e-5, 0.0, 0.0, 3.5e-5, "10 blocks; gain = share removed")
+    assert proof(fit) == "Misfit 31 ug; noise 35 ug. On readings that the fit had not seen: 35 ug (10 blocks)."
+    words = proof(fit, {"bench_inclination_rad": 8e-5, "bench_toolface_rad": 0.0})
+    assert "noise 35 ug of the sensor; the set angles scatter by 80 urad in inclination, which the misfit" in words
+
+
+def test_of_a_magnitude_what_is_seen_is_stated_with_digits_that_say_something() -> None:
+    """At rest a step of 7.9 mg stood as three numbers of which each may be 50 mg, to 0.1 ug."""
+    open_ = FittedParameter(-4.505e-3, 1e-7, -50.0321e-3, 50.0324e-3, "g")
+    claim = replace(claim_of("bias_step"), parameters={"a_x": open_})
+    assert sizes(claim) == "a_x = -5 mg (-50 to 50)"
+    one = report_data(np.array(0.0))
+    part = np.where(np.arange(one.before.shape[1]) > 100, 7.9e-3, 0.0)[None]
+    seen = replace(
+        one, before=one.after[:1] + part, after=one.after[:1], channels=("g_total",), parts={"bias_step": part}
+    )
+    page = page_of(DiagnosisResult("named", claims=(claim,)), seen, "rec.csv")
+    assert "it changes the magnitude of gravity by 7.9 mg." in page
+
+
+def test_the_page_is_there_in_each_language_and_what_is_not_is_marked_as_english() -> None:
+    """Effects by name with their story and what to do next; what nobody has translated is marked."""
+    from highside.physics.effects import all_effects
+    from highside.words import LANGUAGES, in_language, told
+
+    one = report_data(np.array(0.0))
+    names = ("lever_arm", "temperature_bias", "bias_step")
+    parts = {"lever_arm": 3e-5 * np.ones_like(one.before), "temperature_bias": 1e-5 * np.ones_like(one.before)}
+    effects = all_effects()
+    claims = tuple(
+        replace(claim_of(name), story=effects[name].story, next_manoeuvre=effects[name].splitter) for name in names
+    )
+    lacking = NotTestable("lever_arm", "a reason that nobody has translated", effects["lever_arm"].splitter)
+    found = DiagnosisResult("named", claims=claims, not_testable=(lacking,))
+    data = replace(one, parts=parts)
+    english = page_of(found, data, "rec.csv")
+    assert "a reason that nobody" in english and '<span lang="en">' not in english
+    for code in sorted(set(LANGUAGES) - {"en"}):
+        with in_language(code):
+            page = page_of(found, data, "rec.csv")
+            titles = [told(effects[name].title) for name in names]
+            assert all(
+                title in page and title != effects[name].title for title, name in zip(titles, names, strict=True)
+            )
+            # every declared text of every effect is there in this language
+            for effect in effects.values():
+                for text in (effect.title, effect.story, effect.splitter, effect.channel_story, effect.channel_needs):
+                    assert not text or told(text) != text, (code, text)
+        assert f'<html lang="{code}">' in page
+        assert '<span lang="en">a reason that nobody has translated</span>' in page
+        left = re.sub(r'<span lang="en">.*?</span>|<style.*?</style>', "", page, flags=re.S)
+        for sentence in (effects["lever_arm"].story, effects["lever_arm"].splitter, "share of the misfit", "how sure",
+                         "What this recording could not show", "The simulation omits", "what is left"):  # fmt: skip
+            assert sentence in english and sentence not in left, (code, sentence)

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from highside.diagnosis.core.fit import Observed, base_fit
+from highside.diagnosis.core.fit import base_fit
 from highside.diagnosis.core.markov import LevelNoise, VectorNoise
 from highside.diagnosis.core.method import WHOLE, ProcedureParts
+from highside.diagnosis.core.observed import Observed
 from highside.diagnosis.core.result import DiagnosisResult
 from highside.diagnosis.engine import diagnose_rotation
 from highside.diagnosis.rotation.lines import found_lines
@@ -18,9 +19,11 @@ from highside.diagnosis.rows.colour import with_long_memory
 from highside.diagnosis.rows.design import ChainDesign, Line
 from highside.diagnosis.rows.gram import HeldOutRows, RandomWalkGrams, Space, accumulate
 from highside.diagnosis.rows.noise import RotationNoise, estimate
+from highside.diagnosis.rows.policy import JITTER
 from highside.diagnosis.rows.session import RotationSession, rotation_session
 from highside.errors import InputError
 from highside.physics.forward import ForwardModel
+from highside.physics.gravity import gravity_jacobians
 from highside.physics.noise import autoregressive
 from highside.physics.plan import Profile, RotationPlan, Session, Site
 from highside.physics.state import ChainState
@@ -214,6 +217,24 @@ class TestNoise:
         assert noise.jitter[:2, 1] == pytest.approx(3e-5, rel=0.15)
         assert noise.jitter[2, 0] == 0.0
 
+    @pytest.mark.parametrize("kind", ["angles", "rate", "burst"])
+    def test_scatter_of_another_kind_is_no_sampling_jitter(self, kind: str) -> None:
+        """Random errors of the angles given and noise that follows the rate had that name, three times beyond doubt."""
+        state = turning(20.0)
+        rng = np.random.default_rng(0)
+        session = recording({}, state)
+        if kind == "angles":
+            across = np.asarray(gravity_jacobians(state.inc_rad, state.tf_rad)[1])
+            session.readings[:] += across * 3e-4 * rng.standard_normal(state.n)
+        elif kind == "rate":
+            session.readings[:] += 2e-5 * state.rotor_rate_radps * rng.standard_normal((3, state.n))
+        else:
+            within = np.abs(np.linspace(0, 1, state.n) - 0.4) < 0.02
+            session.readings[:2] += 4e-4 * within * rng.standard_normal(state.n)
+        model, residual = fitted(session)
+        noise = estimate(ChainDesign(session, model, FREE), residual, 1)
+        assert noise.jitter[:, 0].sum() < JITTER.certain / 2
+
     def test_impulses_count_for_nothing(self) -> None:
         session = recording({}, turning())
         session.readings[1, 777] += 40 * SIGMA
@@ -268,6 +289,18 @@ class TestVerdicts:
         diagnosis, _ = diagnose_rotation(session, ForwardModel.of({}), FREE, method=ProcedureParts.without("laws"))
         assert diagnosis.verdict == "nothing_left_out"
         assert "independent stretches" in diagnosis.remainder.hints[0]
+
+    @pytest.mark.parametrize("seed", [100, 101])
+    def test_slow_noise_beside_white_noise_is_no_finding(self, seed: int) -> None:
+        """The projection takes what is slow of it, and the filter is left with one to three terms."""
+        state = turning(4.0)
+        rng = np.random.default_rng(seed)
+        noise = autoregressive((3, state.n), SIGMA / np.sqrt(2), 0.95, rng) + SIGMA / np.sqrt(2) * rng.standard_normal(
+            (3, state.n)
+        )
+        session = RotationSession(random_sensor(rng).predict(state) + noise, state)
+        diagnosis, _ = diagnose_rotation(session, ForwardModel.of({}), FREE, method=ProcedureParts.without("laws"))
+        assert diagnosis.verdict == "nothing_left_out"
 
     @pytest.mark.parametrize(("lead", "verdict"), [(2.0, "not_testable"), (15.0, "wander")])
     def test_a_random_walk_is_claimed_where_it_is_distinguished_from_noise_that_forgets(

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from highside.diagnosis.core.fit import Observed, base_fit
+from highside.diagnosis.core.fit import base_fit
+from highside.diagnosis.core.observed import Observed
 from highside.diagnosis.core.result import DiagnosisResult
 from highside.diagnosis.engine import diagnose_rotation
 from highside.diagnosis.rotation.lines import found_lines

@@ -433,8 +433,12 @@ def test_commands_are_answered_whatever_they_contain(tmp_path: Path) -> None:
     assert desk.say(id="8", command="align", azimuth_deg=12.0)["ok"] is True
     feed(stage, record(turntable(20.0, 20.0, Triad()), 2), later_s=20.05)
     moved = stage.azimuth(40.0)
-    # the same id again is the same command, delivered twice
-    assert desk.say(id="8", command="align", azimuth_deg=99.0)["ok"] is True
+    # the same command again was delivered twice; another one under its id is not done, and not called done
+    assert desk.say(id="8", command="align", azimuth_deg=12.0)["ok"] is True
+    assert stage.azimuth(40.0) == moved
+    other = desk.say(id="8", command="align", azimuth_deg=99.0)
+    assert other["ok"] is False
+    assert "an id of its own" in str(other["error"])
     assert stage.azimuth(40.0) == moved
     assert desk.say(id="9", command="restart")["ok"] is True
     assert stage.azimuth(40.0) is None

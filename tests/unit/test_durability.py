@@ -22,7 +22,9 @@ from highside.config.recorder import RecorderSettings
 from highside.errors import InputError
 from highside.link.base import Chunk
 from highside.recording.calibration_store import CalibrationStore
-from highside.recording.files import make_directory, write_whole
+from highside.recording.files import make_directory, write_folder, write_whole
+from highside.service.outbox_file import MessageFile
+from highside.service.places import take_state_dir
 from highside.service.recorder import Recorder
 from highside.service.rig.surveys import SurveyLog
 from highside.service.rig.toolface import ToolfaceLog
@@ -104,6 +106,21 @@ def test_every_new_directory_is_synced_into_its_parent(tmp_path: Path, calls: Ca
     calls.clear()
     make_directory(tmp_path / "a" / "b" / "c")
     assert not calls
+
+
+def test_the_places_of_a_new_installation_are_synced_into_their_parents(tmp_path: Path, calls: Calls) -> None:
+    """Messages, a turntable's fit: what is synced into a folder goes with it where the folder itself was not."""
+    lock = take_state_dir(tmp_path / "var" / "tool")
+    assert {path for call, path, _ in calls if call == "sync"} == {".", "var"}
+    lock.close()
+    calls.clear()
+    messages = MessageFile(tmp_path / "other" / "outbox.sqlite")
+    messages.lock()
+    assert ("sync", ".") in names(calls)
+    messages.release()
+    calls.clear()
+    write_folder(tmp_path / "made" / "report", {"a.html": "text"})
+    assert [path for call, path in names(calls) if call == "sync"][:2] == ["made", "."]
 
 
 def test_a_wire_segment_is_synced_to_its_last_record(tmp_path: Path, calls: Calls) -> None:

@@ -20,7 +20,12 @@ VALUES = {
 }  # fmt: skip
 SURVEY = {"inc_deg": 12.0, "motor_toolface_deg": 101.0, "accepted": False, "reasons": ["moved"], "g_error_mg": 0.2}
 HEALTH = {"outbox": {"queued": 4}, "link": {"data_age_s": 0.25}, "alarms": ["link_stale"]}
-WATCH = {"verdict": "departs", "advice": ["pull the tool"], "claims": [{"equivalence_class": ["b_x", "S_xz"]}]}
+WATCH = {
+    "verdict": "departs",
+    "advice": ["pull the tool"],
+    "claims": [{"equivalence_class": ["b_x", "S_xz"]}],
+    "noise_changes": [{"axis": "y", "factor": 4.0}],
+}
 
 
 @pytest.fixture
@@ -52,6 +57,7 @@ def test_every_template_finds_its_value(reported: dict[str, Any]) -> None:
     assert json.loads(render(reported["components"]["calibration_departs"]["json_attributes_template"], WATCH)) == {
         "verdict": "departs",
         "advice": ["pull the tool"],
+        "noise": ["y"],
         "class": [["b_x", "S_xz"]],
     }
 

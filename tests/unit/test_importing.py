@@ -4,6 +4,10 @@ from __future__ import annotations
 
 import gzip
 import io
+import json
+import shlex
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -506,3 +510,19 @@ def test_units_that_are_given() -> None:
     assert unit_wanted("ticks/10000", Quantity.TIME).factor == 1e5
     with pytest.raises(InputError, match="no unit of acceleration"):
         unit_wanted("ticks/10", Quantity.ACCELERATION)
+
+
+def test_columns_that_may_be_the_setting_of_the_bench_are_pointed_at(tmp_path: Path) -> None:
+    """What a name alone cannot tell (set, or computed by the tool) is asked for, and taken only when it is said."""
+    d = session()
+    d["Inclination [deg]"], d["toolface"] = 12.0, np.linspace(0.0, 300.0, len(d))
+    path = tmp_path / "angles.csv"
+    d.drop(columns=[name for name in d if "ref" in name]).to_csv(path, index=False)
+    command = [str(Path(sys.executable).with_name("highside")), "import", str(path), "--inspect"]
+    shown = subprocess.run(command, capture_output=True, text=True, check=False).stderr
+    options = "--map inc_ref_deg='Inclination [deg]' --map tf_ref_deg=toolface"
+    assert options in shown
+    answer = subprocess.run([*command, "--json"], capture_output=True, text=True, check=False).stdout
+    assert json.loads(answer)["possible_references"] == {"inc_ref_deg": "Inclination [deg]", "tf_ref_deg": "toolface"}
+    told = subprocess.run(command + shlex.split(options), capture_output=True, text=True, check=False).stderr
+    assert "where the bench was set" not in told

@@ -5,7 +5,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from highside.diagnosis.core.fit import Observed, base_fit
+from highside.diagnosis.core.fit import base_fit
+from highside.diagnosis.core.observed import Observed
 from highside.diagnosis.laws.chain import chain_problem
 from highside.diagnosis.laws.claims import reported_laws
 from highside.diagnosis.laws.evidence import Families, Whitened, best_priors

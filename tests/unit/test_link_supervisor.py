@@ -31,6 +31,7 @@ class HandClock:
 
     def __init__(self) -> None:
         self.now = 1000.0
+        self.sleeps = 0
         self._sleepers: list[tuple[float, int, asyncio.Future[None]]] = []
 
     def monotonic(self) -> float:
@@ -40,6 +41,8 @@ class HandClock:
         return 1e9 + self.now
 
     async def sleep(self, seconds: float) -> None:
+        self.sleeps += 1
+        assert self.sleeps < 10_000, "it never rests"
         future: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         heapq.heappush(self._sleepers, (self.now + seconds, id(future), future))
         await future
@@ -310,6 +313,23 @@ async def test_a_cancellation_that_arrives_while_a_failed_attempt_is_cleared_awa
     done, _ = await asyncio.wait({task}, timeout=2.0)
     assert done, "the link goes on after its cancellation"
     assert task.cancelled()
+
+
+async def test_times_of_next_to_nothing_leave_the_processor_to_others() -> None:
+    """Each of these is accepted: the service would look, or try, as often as the processor allows."""
+    bench = Bench(settings=SupervisorSettings(stale_after_s=1e-300, reopen_after_s=100.0))
+    await settle()
+    bench.last.send()
+    before = bench.clock.sleeps
+    await bench.clock.advance(1.0)
+    assert bench.clock.sleeps - before <= 110
+    await bench.end()
+    gone = LinkError(LinkReason.NOT_FOUND, "gone")
+    bench = Bench(lambda: FakeTransport(gone), SupervisorSettings(backoff_initial_s=1e-300, backoff_max_s=1.0))
+    await settle()
+    await bench.clock.advance(1.0)
+    assert 2 <= len(bench.transports) <= 12
+    await bench.end()
 
 
 async def test_without_a_watchdog_silence_is_allowed() -> None:

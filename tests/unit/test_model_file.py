@@ -204,3 +204,16 @@ def test_a_file_that_is_no_toml_names_the_line(tmp_path: Path) -> None:
     path.write_text("[sensor\n")
     with pytest.raises(InputError, match=r"broken\.toml: is not valid TOML.*line 1"):
         load_model(path)
+
+
+def test_what_was_found_a_little_beyond_its_range_is_written_and_read_back() -> None:
+    """A cross product of -6.05e-3 +- 1e-3, where -5e-3 is plausible, was a finding; with --write-model the whole
+    diagnosis ended in exit status 2."""
+    found = {"cross_product": {"k_y_xy": -6.05e-3}}
+    model = parse_model({}, where="model")
+    with pytest.raises(InputError, match="is not plausible"):
+        model.with_effects(found)
+    written = as_toml(model.with_effects(found, as_found=True))
+    assert "implausible = true" in written
+    assert parse_model(tomllib.loads(written), where="model").effects.values()["cross_product"]["k_y_xy"] == -6.05e-3
+    assert "implausible" not in as_toml(model.with_effects({"cross_product": {"k_y_xy": 1e-3}}, as_found=True))

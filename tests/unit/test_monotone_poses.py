@@ -7,9 +7,12 @@ import pytest
 
 from highside.diagnosis.core.method import ProcedureParts
 from highside.diagnosis.engine import diagnose_poses
+from highside.diagnosis.poses.session import PoseSession
 from highside.physics.forward import ForwardModel
 from highside.physics.state import ChainState
 from studies import diagnosis_deck as deck
+from studies.pose_strengths import judged, monotone
+from studies.scenario import random_sensor
 
 STATE = deck.design()
 
@@ -54,3 +57,18 @@ def test_what_is_named_at_a_strength_is_named_at_ten_thousand_times_it(effect: s
         else:
             assert found.verdict in ("named", "named_plus"), strength
             assert effect in {name for claim in found.claims for name in claim.equivalence_class}
+
+
+def test_the_study_of_strengths_counts_a_name_that_becomes_a_random_walk_as_lost() -> None:
+    assert monotone(["nothing", "named", "near", "placed"])
+    assert not monotone(["nothing", "named", "near", "wander"])
+
+
+def test_the_study_of_strengths_tells_a_random_walk_from_a_near_answer() -> None:
+    rng = np.random.default_rng(11)
+    steps = rng.standard_normal((3, STATE.n))
+    readings = random_sensor(rng).predict(STATE) + 10 * deck.SIGMA_G * np.cumsum(steps, axis=1)
+    session = PoseSession(readings, np.ones(STATE.n), STATE)
+    found, _ = diagnose_poses(session, ForwardModel.of({}), deck.FREE, method=ProcedureParts.without("laws"))
+    assert found.verdict == "wander"
+    assert {judged(found, name) for name in ("warmup", "bias_drift", "temperature_bias")} == {"wander"}

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from highside.service import outbox_log
 from highside.service.outbox import Outbox, inspect
 from highside.service.outbox_file import MessageFile, log_path
 from highside.service.outbox_log import LOG_BYTES, PAGE, CommitLog, LogFull, StoredMessage, read_log
@@ -217,3 +218,15 @@ def test_a_disk_that_refuses_the_log_costs_nothing(tmp_path: Path, monkeypatch: 
     assert outbox.stats.balanced()
     with contextlib.closing(sqlite3.connect(path)) as db:
         assert [found[0] for found in db.execute("SELECT seq FROM outbox ORDER BY id")] == list(range(150))
+
+
+def test_a_longer_log_of_an_earlier_version_is_read_to_its_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "log"
+    monkeypatch.setattr(outbox_log, "LOG_BYTES", 2 << 20)
+    earlier = CommitLog(path)
+    earlier.begin(1)
+    for number in range(1, 401):
+        earlier.append([row(number, 3_900)], ())
+    earlier.close()
+    assert path.stat().st_size > LOG_BYTES
+    assert list(read_log(path)[1]) == list(range(1, 401))

@@ -29,6 +29,8 @@ from highside.importing.files import open_foreign, refuse_open
 from highside.reading.arrays import npy_array
 from highside.reading.columnar import arrow_columns, mcap_messages, parquet_columns
 from highside.reading.mat5 import mat5_arrays
+from highside.reading.parquet_size import group_bytes
+from highside.reading.row_groups import GROUP_BYTES, RowGroups
 
 MATLAB = b"MATLAB 5.0 MAT-file".ljust(124) + struct.pack("<H", 0x100) + b"IM"
 
@@ -401,3 +403,69 @@ def test_a_bag_is_unpacked_in_pieces_that_are_counted(tmp_path: Path) -> None:
     assert path.stat().st_size < 100_000
     with pytest.raises(InputError, match="expands to more than 200 times"):
         open_foreign(path, Wishes())
+
+
+@pytest.mark.parametrize("version", ["1.0", "2.0"])
+@pytest.mark.parametrize("dictionary", [False, True])
+def test_pages_of_a_parquet_file_are_counted_by_their_headers(version: str, dictionary: bool) -> None:
+    table = pa.table({"t_s": np.arange(50_000) * 0.01, "pose": np.arange(50_000) // 1000})
+    out = io.BytesIO()
+    parquet.write_table(
+        table,
+        out,
+        use_dictionary=dictionary,
+        data_page_version=version,
+        data_page_size=10_000,
+        row_group_size=20_000,
+        compression="zstd",
+    )
+    data = out.getvalue()
+    meta = parquet.read_metadata(io.BytesIO(data))
+    assert meta.num_row_groups == 3
+    for k in range(3):
+        said = meta.row_group(k).total_byte_size  # with the headers of the pages
+        counted = group_bytes(meta, k, lambda at, size: data[at : at + size])
+        assert 0.8 * said < counted < said
+    with pytest.raises(ValueError, match="no end"):
+        group_bytes(meta, 2, lambda at, size: data[: meta.row_group(2).column(0).data_page_offset + 3][at : at + size])
+
+
+def varint(number: int, size: int = 0) -> bytes:
+    """A number of Thrift's compact protocol, in `size` bytes if that is more than it needs."""
+    raw, out = number << 1, bytearray()
+    while raw >= 0x80 or len(out) + 1 < size:
+        out.append(raw & 0x7F | 0x80)
+        raw >>= 7
+    return bytes(out) + bytes([raw])
+
+
+def long_page(size: int) -> bytes:
+    """A Parquet file of one text, whose metadata say that it has a few bytes; its page says how many."""
+    out = io.BytesIO()
+    parquet.write_table(
+        pa.table({"t": ["x" * size]}), out, use_dictionary=False, compression="zstd", write_statistics=False
+    )
+    data = out.getvalue()
+    body = struct.unpack("<I", data[-8:-4])[0] + 8
+    said = varint(parquet.read_metadata(io.BytesIO(data)).row_group(0).total_byte_size)
+    footer = data[-body:].replace(said, varint(100, len(said)))
+    patched = data[:-body] + footer
+    assert parquet.read_metadata(io.BytesIO(patched)).row_group(0).total_byte_size == 100
+    return patched
+
+
+def test_a_page_that_is_longer_than_the_metadata_say_is_not_unpacked(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    data = long_page(GROUP_BYTES + 1)
+    path = tmp_path / "long.parquet"
+    path.write_bytes(data)
+
+    def opened(*_: object, **__: object) -> None:
+        raise AssertionError("it was unpacked")
+
+    monkeypatch.setattr(parquet, "ParquetFile", opened)
+    with pytest.raises(InputError, match="expands to more than"):
+        parquet_columns(data, where="long.parquet")
+    with pytest.raises(InputError, match="has a row group of 268"):
+        RowGroups.of(path)

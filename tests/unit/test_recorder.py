@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import shutil
 import subprocess
 import sys
 import time
@@ -214,6 +215,36 @@ def test_a_disk_that_refuses_is_reported_and_taken_again_when_it_can(
     assert recorder.stop()
     assert chunks_in(tmp_path) == [chunk(i) for i in (*range(65), 101)]
     assert all(path.stat().st_size > 0 for path in files(tmp_path))
+    assert recorder.stats.balanced()
+
+
+@pytest.mark.parametrize("how", ["deleted", "moved away"])
+def test_a_file_that_is_deleted_while_it_is_written_is_reported_and_followed_by_another(
+    tmp_path: Path, how: str
+) -> None:
+    """The kernel takes what is written to it as before, and nobody will ever find it."""
+    directory = tmp_path / "recordings"
+    recorder = Recorder(RecorderSettings(fsync_interval_s=0.05, retry_s=0.05), directory, "t")
+    recorder.start()
+    recorder.on_batch(chunk(1))
+    until(lambda: recorder.stats.batches_written == 1)
+    if how == "deleted":
+        shutil.rmtree(directory)
+    else:
+        directory.rename(tmp_path / "elsewhere")
+    number = 1
+    while recorder.stats.failures == 0:
+        number += 1
+        recorder.on_batch(chunk(number))
+        time.sleep(0.02)
+        assert number < 500
+    assert recorder.stats.message.startswith(f"recording to {directory} failed: t_000001_")
+    assert recorder.stats.message.endswith(".hsw was deleted or moved while it was written")
+    recorder.on_batch(chunk(number + 1))
+    until(lambda: recorder.stats.state is RecorderState.RECORDING)
+    recorder.on_batch(chunk(number + 2))
+    assert recorder.stop()
+    assert chunks_in(directory)[-1] == chunk(number + 2)
     assert recorder.stats.balanced()
 
 

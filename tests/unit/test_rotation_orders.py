@@ -82,3 +82,15 @@ def test_without_rows_in_a_part_of_the_turn_no_order_is_told() -> None:
     theta = np.linspace(0, 1.7 * np.pi, 400)
     samples = Samples.build(theta, np.cos(20 * theta))
     assert repeated_orders(samples, samples.error, 3) == []
+
+
+@pytest.mark.parametrize("drift", [0.0, 0.05, 5.0])
+def test_a_drift_and_faster_turns_with_fewer_rows_are_no_order(drift: float) -> None:
+    """24 turns of 600 rows and 40 of 120: what the sensor drifts by was told as order 120, the aliased constant."""
+    rows = np.array([600] * 24 + [120] * 40)
+    theta = np.concatenate([np.arange(n) / n * 2 * np.pi + 2 * np.pi * k for k, n in enumerate(rows)])
+    left = NOISE * np.random.default_rng(8).standard_normal(theta.size) + drift * np.arange(theta.size) / theta.size
+    assert repeated_orders(Samples.build(theta, left), left, 8) == []
+    with_order = left + 0.1 * np.cos(40 * theta)
+    (found,) = repeated_orders(Samples.build(theta, with_order), with_order, 8)
+    assert (found.order, found.amplitude) == (40, pytest.approx(0.1, abs=0.01))

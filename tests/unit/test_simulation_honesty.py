@@ -38,7 +38,7 @@ def test_noise_that_is_known_for_certain_is_judged_by_chi_squared() -> None:
 @pytest.mark.parametrize(("added", "stable"), [(4.0, True), (22.0, False), (60.0, False)])
 def test_a_change_of_a_size_is_judged_by_its_own_chance(added: float, stable: bool) -> None:
     """It was no number, and no change was ever believed; between the two thresholds one is."""
-    change = Change(150.0, added, (1.3, 0.7), 10)
+    change = Change(150.0, added, (1.3, 1.3, 0.7), 10)
     assert np.isfinite(change.log_p)
     assert change.stability.stable is stable
     assert not change.chosen.stable
@@ -244,6 +244,12 @@ def test_a_step_of_an_offset_is_named_with_its_instant(strength: float) -> None:
     assert [claim.effect for claim in found.claims] == ["bias_step"], study.short(found)
     instant = found.claims[0].parameters["t0"]
     assert instant.value == pytest.approx(0.55 * study.LENGTH_S, abs=5 * instant.std)
+
+
+def test_a_step_of_a_gyro_is_named_though_it_leaves_a_little_correlated_noise() -> None:
+    motion = study.Motion(41)
+    found = study.reported(motion, study.made("gyro step", motion, 3e3), "white", 41, laws=False)
+    assert [claim.effect for claim in found.claims] == ["gyro_bias_step"], study.short(found)
 
 
 @pytest.mark.parametrize(("case", "word"), [("value of g", "value of g"), ("unit of rates", "unit of rates")])

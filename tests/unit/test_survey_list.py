@@ -224,3 +224,14 @@ def test_the_commands_print_and_write(kept: Path, depths: Path, gyro: Path, tmp_
     done = CliRunner().invoke(app, [*line, "--north", "down"])
     assert isinstance(done.exception, InputError) and "--north" in str(done.exception)
     assert isinstance(CliRunner().invoke(app, ["surveys", "list", str(kept)]).exception, InputError)
+
+
+def test_lines_that_are_no_surveys_are_counted_in_the_list_and_said(tmp_path: Path, depths: Path) -> None:
+    path = tmp_path / "torn.jsonl"
+    path.write_text("".join(_line(k) + "\n" for k in (*range(N), 5)) + _line(3, inc_deg=200.0) + '\n{"seq": 1')
+    assert highside.list_surveys(path, depths=depths).left_out == {"no survey": 2, "repeats a survey": 1, "refused": 1}
+    out = tmp_path / "list.csv"
+    command = ["surveys", "export", str(path), "--to", "csv", "-o", str(out), "--depths", str(depths)]
+    done = CliRunner().invoke(app, command)
+    assert done.exit_code == 0, done.output
+    assert "left out: 2 (no survey)" in done.output

@@ -11,7 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from highside.attitude.scalar import gravity_vector
-from highside.web.tools.drawings import dial, orientation, trend
+from highside.web.space import orientation
+from highside.web.tools.drawings import dial, trend
 from highside.web.tools.state import STALE_S, TOOLS_MAX, TOPICS, TREND_LENGTH, Tools, ToolState
 from highside.web.tools.views import Broker, list_page, tool_page
 

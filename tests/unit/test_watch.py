@@ -13,11 +13,14 @@ from watch_frames import poses_of_a_good_tool, rows_of_a_well
 
 import highside
 from highside.arrays import Array
+from highside.calibration.record import RecordError
 from highside.cli.main import app
 from highside.errors import InputError
 from highside.recording.table import Recording
+from highside.report.watch_page import claim_words
 from highside.watch import POLICY, STATED, Prior, Still, Turning, Watch, prior_of_record
 from highside.watch.bank import HYPOTHESES, Bank, Filter
+from highside.watch.broken import AT_REST, UNNAMED, broken_axis
 from highside.watch.measurement import Surroundings, linear_still, linear_turning
 from highside.watch.parameters import INDEX, SIZE, prior
 from studies.watch_wells import Conditions, departing, quiet
@@ -84,7 +87,7 @@ def test_a_measurement_is_linear_in_what_deviates(name: str, inclination_deg: fl
 
 
 def test_a_bent_collar_reads_like_an_antisymmetric_misalignment() -> None:
-    _, H, _, _ = linear_turning(harmonics(0.8, np.zeros((3, 3)), np.zeros(3)), AROUND, STATED)
+    _, H, *_ = linear_turning(harmonics(0.8, np.zeros((3, 3)), np.zeros(3)), AROUND, STATED)
     assert H[:, INDEX["tilt_y"]] == pytest.approx(H[:, INDEX["S_xz"]] - H[:, INDEX["S_zx"]], abs=1e-9)
     assert H[:, INDEX["tilt_x"]] == pytest.approx(H[:, INDEX["S_zy"]] - H[:, INDEX["S_yz"]], abs=1e-9)
 
@@ -134,14 +137,55 @@ def test_a_gyro_that_turns_the_other_way_is_not_believed(calibration: highside.C
     assert made.verdict != "departs"
 
 
-def test_a_dead_axis_is_no_small_departure(calibration: highside.Calibration) -> None:
-    rows = rows_of_a_well(9, stands=6, inclinations_deg=(40.0, 50.0))
-    rows["ax_g"] = np.where(rows["t_s"] > 3 * 1800.0, 0.0, rows["ax_g"])
+BROKEN = {
+    "dead x": (0, lambda a: 0.0 * a, ("dead axis x",)),
+    "stuck y": (1, lambda a: 0.0 * a + 0.31, ("stuck axis y", "saturation of y")),
+    "stuck z": (2, lambda a: 0.0 * a + 0.31, ("stuck axis z", "saturation of z")),
+    "saturated x": (0, lambda a: np.clip(a, -0.4, 0.4), ("saturation of x",)),
+}
+
+
+@pytest.mark.parametrize(("what", "gyros"), [*((what, True) for what in BROKEN), ("stuck y", False)])
+def test_a_broken_axis_is_no_small_departure_and_is_named(
+    calibration: highside.Calibration, what: str, gyros: bool
+) -> None:
+    axis, read, names = BROKEN[what]
+    rows = rows_of_a_well(9, stands=6, inclinations_deg=(40.0, 60.0), rate_hz=12.0, turns_s=60.0)
+    column = f"a{'xyz'[axis]}_g"
+    rows[column] = np.where(rows["t_s"] > 2 * 1800.0, read(rows[column]), rows[column])
+    if not gyros:
+        for name in ("gx_dps", "gy_dps", "gz_dps"):
+            del rows[name]
     found = highside.watch_recording(rows, calibration)
     assert found.verdict == "departs"
-    assert found.found.claims[0].equivalence_class == ("dead axis", "stuck axis", "saturation")
+    claim = found.found.claims[0]
+    assert (claim.parameter, claim.equivalence_class) == ("length", names)
+    assert f"length: {' or '.join(names)}, since" in claim_words(claim)
     assert "pull the tool" in found.found.advice[0]
+
+
+def test_an_axis_that_stays_while_both_others_move_is_the_broken_one_at_rest() -> None:
+    def rest(*mean: float) -> list[float]:
+        return [*mean, AT_REST, AT_REST, AT_REST]
+
+    assert broken_axis(np.array([rest(0.01, 0.5, 0.6), rest(0.0, -0.3, 0.8)]), 0.05) == ("dead axis x",)
+    assert broken_axis(np.array([rest(0.6, 0.5, 0.6), rest(0.6, -0.3, 0.9)]), 0.05)[0] == "stuck axis x"
+    # in one attitude, and where two axes stay, nobody knows
+    for readings in ([rest(0.0, 0.5, 0.6)], [rest(0.0, 0.5, 0.6), rest(0.0, 0.5, 0.3)]):
+        assert broken_axis(np.array(readings), 0.05) == UNNAMED
+    # what a memory of an older version has of them
+    assert broken_axis(np.zeros((0, 6)), 0.05) == UNNAMED
+
+
+def test_beside_a_dead_axis_nothing_small_is_said_to_depart(calibration: highside.Calibration) -> None:
+    """y dies in an attitude where it hardly shows: the first readings after that looked like an offset of x."""
+    rows = rows_of_a_well(3, stands=12, inclinations_deg=(5.0, 70.0), rate_hz=12.0, turns_s=60.0)
+    rows["ay_g"] = np.where(rows["t_s"] > 9000.0, 0.0, rows["ay_g"])
+    found = highside.watch_recording(rows, calibration)
+    (claim,) = found.found.claims
+    assert claim.parameter == "length"
     assert "not to be used" in found.html()
+    assert "from gravity's length: dead axis y, since 9150 s" in claim_words(claim)
 
 
 def test_readings_without_gravity_are_no_ground_for_a_verdict(calibration: highside.Calibration) -> None:
@@ -178,6 +222,25 @@ def test_the_command_writes_what_it_found(tmp_path: Path, calibration: highside.
     page = (tmp_path / "watch" / "report.html").read_text()
     assert "What departs" in page
     assert 'src="http' not in page
+
+
+def test_a_record_of_another_tool_is_refused_where_the_recordings_tool_is_given(
+    tmp_path: Path, calibration: highside.Calibration
+) -> None:
+    rows = rows_of_a_well(9, stands=1, inclinations_deg=(40.0, 40.0))
+    with pytest.raises(RecordError, match="is of tool 'HS-1', not of 'HS-2'"):
+        highside.watch_recording(rows, calibration, tool="HS-2")
+    assert highside.watch_recording(rows, calibration, tool="HS-1").to_dict()["tool"] == "HS-1"
+    (tmp_path / "run.csv").write_text("t_s,ax_g,ay_g,az_g\n" + "".join(f"{0.1 * k:.1f},0,0,1\n" for k in range(300)))
+    calibration.save(tmp_path / "cal.json")
+    command = ["watch", *map(str, (tmp_path / "run.csv", "--calibration", tmp_path / "cal.json", "--out", tmp_path))]
+    done = CliRunner().invoke(app, [*command, "--tool", "HS-2"])
+    assert isinstance(done.exception, RecordError)
+    assert not (tmp_path / "watch.json").exists()
+    done = CliRunner().invoke(app, command)
+    assert done.exit_code == 0, done.output
+    assert "under the record of tool HS-1; --tool says whose recording it is" in done.output
+    assert "Calibration of tool" in (tmp_path / "report.html").read_text()
 
 
 def test_what_cannot_be_watched_is_refused_in_one_line(calibration: highside.Calibration) -> None:
@@ -261,10 +324,10 @@ def test_noise_that_grows_within_hours_raises_the_threshold_before_it_is_said() 
     """Of 200 innovations the last 60 scatter three times as much: the long median has not followed yet."""
     watch = Watch(a_prior())
     watch.still(Still(0.0, np.array([0.0, 0.0, 1.0]), 1e-6, 20.0))
-    squares = np.random.default_rng(6).standard_normal(200) ** 2
+    squares = np.column_stack([np.random.default_rng(6).standard_normal(200) ** 2, np.ones(200)])
     memory, thresholds = watch.memory(), []
     for grown in (1.0, 3.0):
-        squares[-60:] *= grown**2
+        squares[-60:, 0] *= grown**2
         other = Watch(a_prior())
         other.recall(replace(memory, arrays={**memory.arrays, "squares": squares.copy()}))
         said = other.result()
@@ -272,6 +335,38 @@ def test_noise_that_grows_within_hours_raises_the_threshold_before_it_is_said() 
         thresholds.append(said.threshold)
     assert thresholds[0] < 1.5 * POLICY.threshold
     assert 5.0 * POLICY.threshold < thresholds[1] < 14.0 * POLICY.threshold
+
+
+@pytest.mark.parametrize("seed", [0, 2, 4])
+def test_what_was_measured_while_noise_was_large_counts_for_less_for_good(seed: int) -> None:
+    """Pumps are started one after another, and stopped: the threshold falls again, and what was read in between is no
+    departure then."""
+    rng, watch = np.random.default_rng(seed), Watch(a_prior())
+    ratios = []
+    for k in range(400):
+        f = rng.standard_normal(3)
+        times = 1.0 + 5.0 * np.clip((k - 100) / 150.0, 0.0, 1.0) * (k < 300)
+        noise = times * np.hypot(1e-5, STATED.still_floor_g)
+        f *= (1.0 + noise * rng.standard_normal()) / np.linalg.norm(f)
+        watch.still(Still(600.0 * k, f, 1e-5, 20.0))
+        ratios.append(watch._level.level)
+    assert ratios[98] < 1.5
+    assert 4.0 < ratios[299] < 8.0
+    assert ratios[399] < 1.5
+    assert watch.result().verdict != "departs"
+
+
+def test_whirl_does_not_hide_that_the_noise_of_a_sensor_grows() -> None:
+    """Of a window of rotation the centres of x and y are whirl, of which a noisy sensor makes no more."""
+    fast = replace(harmonics(0.8, np.zeros((3, 3)), np.zeros(3)), rate2=100.0)
+    _, H, _, _, share = linear_turning(fast, AROUND, STATED)
+    of_noise = np.linalg.eigvalsh(share)
+    assert np.all((of_noise < 0.1) | (of_noise > 0.7))
+    assert np.count_nonzero(of_noise < 0.1) == 2
+    louder = linear_turning(fast, AROUND, STATED, level=4.0)
+    for index, times in ((INDEX["b_x"], 1.0), (INDEX["S_xx"], 4.0)):
+        seen, then = (np.linalg.norm(one[:, index]) for one in (H, louder.H))
+        assert seen / then == pytest.approx(times, rel=0.05)
 
 
 def test_an_alarm_that_no_hypothesis_explains_any_more_stays_and_no_reading_is_to_be_used() -> None:
@@ -285,10 +380,10 @@ def test_an_alarm_that_no_hypothesis_explains_any_more_stays_and_no_reading_is_t
     assert watch.result().claims[0].effect != "unexplained"
     memory = watch.memory()
     # what each hypothesis would need is beyond reason, and no other onset comes
-    memory.arrays["bank_score"][:] = 1e3 * (memory.arrays["bank_information"] + 1.0)
+    memory.arrays["bank_score"][:] = 1e3 * memory.arrays["bank_information"] + 1e6
     again = Watch(a_prior())
     again.recall(memory)
-    again.still(Still(600.0 * 29 + 100.0, np.array([0.0, 0.6, 0.8]), 1e-6, 25.0))
+    again.still(Still(600.0 * 29, np.array([0.0, 0.6, 0.8]), 1e-6, 25.0))
     said = again.result()
     assert said.verdict == "departs"
     (claim,) = said.claims

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import json
+from functools import cache
 from typing import Any
 
 import numpy as np
 import pytest
 
+from highside.config.watch import WatchSettings
+from highside.errors import Refused
 from highside.service.messages import PAYLOADS
+from highside.service.saved_watch import Numbers, SavedWatch
 from highside.service.watch_history import POINTS, SPAN_S, history
 from highside.service.watch_messages import WatchHistory
-from highside.service.watch_stage import WatchStage
+from highside.service.watch_stage import Watched, WatchStage
 from highside.watch.parameters import CALIBRATION, NAMES
 from highside.web.tools.state import PAYLOAD_MAX, History, Tools
 from highside.web.tools.views import Broker, tool_page
@@ -19,6 +23,16 @@ from highside.web.tools.watch_chart import PANELS, watch_chart
 from tests.faults.seeds import watch_stage
 
 NOW = 1.79e9
+
+
+@cache
+def kept_state() -> SavedWatch:
+    return watch_stage().saved()
+
+
+def a_stage() -> WatchStage:
+    """As `watch_stage()`, whose sums are made once."""
+    return watch_stage(kept_state())
 
 
 def with_trace(stage: WatchStage, times: np.ndarray) -> WatchStage:
@@ -41,7 +55,7 @@ def with_trace(stage: WatchStage, times: np.ndarray) -> WatchStage:
 
 def test_a_day_is_told_by_the_last_measurement_of_each_ten_minutes_and_no_more() -> None:
     times = np.arange(0.0, 3.0 * SPAN_S, 97.0)
-    said = history(with_trace(watch_stage(), times), NOW)
+    said = history(with_trace(a_stage(), times), NOW)
     assert len(said.times) <= POINTS
     assert len(said.times) >= POINTS - 1
     ages = NOW - np.array(said.times)
@@ -58,11 +72,96 @@ def test_a_day_is_told_by_the_last_measurement_of_each_ten_minutes_and_no_more()
 
 
 def test_before_the_first_measurement_it_is_empty_and_beyond_a_day_it_is_forgotten() -> None:
-    said = history(with_trace(watch_stage(), np.zeros(0)), NOW)
+    said = history(with_trace(a_stage(), np.zeros(0)), NOW)
     assert (said.times, said.parameters["b_x"].value) == ([], [])
-    stage = with_trace(watch_stage(), np.array([0.0, 10.0, 20.0]))
+    stage = with_trace(a_stage(), np.array([0.0, 10.0, 20.0]))
     stage._rows.t_s = 2.0 * SPAN_S
     assert history(stage, NOW).times == []
+
+
+def test_it_goes_on_under_another_calibration_and_says_when_that_came_into_force() -> None:
+    first = a_stage()
+    seen = history(first, NOW)
+    assert len(seen.times) == 2
+    assert seen.changes == []
+    # through the state that is kept, as after a restart of the service
+    kept = SavedWatch.model_validate_json(first.saved().model_dump_json()).model_copy(update={"age_s": 0.0})
+    other = Watched(first.of.record, 1.001, 1e-4)
+    second = WatchStage(WatchSettings(), other, follows=kept, began="began anew: another")
+    said = history(second, NOW)
+    assert (said.times, said.parameters, said.evidence) == (seen.times, seen.parameters, seen.evidence)
+    (change,) = said.changes
+    assert (change.t, change.before, change.cal_id, change.why) == (
+        NOW,
+        seen.cal_id,
+        seen.cal_id,
+        "began anew: another",
+    )
+    # what was seen is history alone
+    assert (second.said.counts.stills, second.said.duration_s) == (0, 0.0)
+    # the watch in force goes on after it
+    measure(second, 4000.0)
+    then = history(second, NOW)
+    before = then.parameters["b_x"].value[: len(seen.times)]
+    assert len(then.times) == len(seen.times) + second.said.counts.stills
+    assert before == seen.parameters["b_x"].value
+    assert (np.diff(then.times) > 0.0).all()
+    assert then.times[len(seen.times) - 1] <= then.changes[0].t < then.times[len(seen.times)]
+    # a third keeps both, and a restart under the same record too
+    third = WatchStage(WatchSettings(), other, follows=second.saved(), began="began anew: a third")
+    assert [one.why for one in history(third, NOW).changes] == ["began anew: another", "began anew: a third"]
+    again = WatchStage(WatchSettings(), other, third.saved())
+    assert history(again, NOW) == history(third, NOW).model_copy(update={"began": again.began})
+    # a day later it is forgotten
+    again._rows.t_s += SPAN_S
+    assert (history(again, NOW).times, history(again, NOW).changes) == ([], [])
+    again._rows.t_s -= SPAN_S
+    again.begin_again()
+    assert (history(again, NOW).times, history(again, NOW).changes) == ([], [])
+
+
+def measure(stage: WatchStage, t_s: float) -> None:
+    """A rest of a minute at 30 deg, by the tool's own time from `t_s` on."""
+    rng = np.random.default_rng(1)
+    for t in np.arange(t_s, t_s + 60.0, 0.1):
+        x, y, z = np.array([0.5, 0.0, 0.8660254]) + 1e-4 * rng.standard_normal(3)
+        stage.add(float(t), 0.0, 0.0, 0.0)
+        stage.close(float(t), float(t), (x, y, z), 25.0)
+    stage.finish()
+    while stage.waiting:
+        stage.take_result(stage.core.take(stage.waiting.popleft()))
+
+
+@pytest.mark.parametrize("damage", ["shape", "order", "future"])
+def test_an_earlier_trace_that_is_none_is_damage(damage: str) -> None:
+    stage = a_stage()
+    kept = stage.saved()
+    kept = WatchStage(WatchSettings(), stage.of, follows=kept, began="x").saved()
+    (one,) = kept.earlier
+    rows = one.rows()
+    wrong = {"shape": rows[:, :-1], "order": rows[::-1], "future": rows + one.until_s + 1.0}[damage]
+    bad = kept.model_copy(update={"earlier": [one.model_copy(update={"trace": Numbers.of(wrong)})]})
+    with pytest.raises(Refused, match="earlier trace"):
+        WatchStage(WatchSettings(), stage.of, bad)
+
+
+def test_the_picture_breaks_its_lines_where_another_calibration_came_into_force() -> None:
+    said = json.loads(history(with_trace(a_stage(), np.arange(0.0, 6000.0, 600.0)), NOW).model_dump_json())
+    change = {"t": said["times"][4], "before": "a", "cal_id": "b" * 64, "why": "began anew"}
+    found = shown(said | {"changes": [change, 5, {"t": None}]})
+    assert found is not None
+    at = found.hours[4]
+    assert found.changes == ((at, "b" * 12),)
+    options = watch_chart(found)
+    series = {one["name"]: one for one in options["series"]}
+    for name in ("b_x", "S_zz, width", "S_zx, lower end", "evidence"):
+        data = series[name]["data"]
+        assert len(data) == len(found.hours) + 1
+        assert data[5] == [at, None]
+    marks = [one["markLine"]["data"] for one in options["series"] if "markLine" in one]
+    assert len(marks) == len(PANELS) + 1
+    assert marks[0] == [{"xAxis": at, "label": {"formatter": f"calibration {'b' * 12}"}}]
+    assert f"{-at:.1f} hours ago calibration {'b' * 12} came into force" in options["aria"]["label"]["description"]
 
 
 def shown(said: dict[str, Any]) -> History | None:
@@ -72,7 +171,7 @@ def shown(said: dict[str, Any]) -> History | None:
 
 
 def test_the_page_draws_each_parameter_with_its_band_of_two_standard_deviations() -> None:
-    said = history(with_trace(watch_stage(), np.arange(0.0, SPAN_S, 600.0)), NOW)
+    said = history(with_trace(a_stage(), np.arange(0.0, SPAN_S, 600.0)), NOW)
     found = shown(json.loads(said.model_dump_json()))
     assert found is not None
     assert found.hours[-1] == 0.0
@@ -97,7 +196,7 @@ def test_the_page_draws_each_parameter_with_its_band_of_two_standard_deviations(
     ids=["none", "backwards", "words", "no time", "too many"],
 )
 def test_a_history_that_is_none_is_not_drawn(change: dict[str, Any]) -> None:
-    said = json.loads(history(with_trace(watch_stage(), np.arange(0.0, 6000.0, 600.0)), NOW).model_dump_json())
+    said = json.loads(history(with_trace(a_stage(), np.arange(0.0, 6000.0, 600.0)), NOW).model_dump_json())
     assert shown(said) is not None
     assert shown(said | change) is None
 
@@ -124,6 +223,41 @@ def test_the_page_says_what_the_watch_says_in_words_and_numbers() -> None:
     assert "Nothing watches" in tool_page(tools.tools["a"], here, 0.0).watch
     tools.take("highside/a/watch", json.dumps(said).encode(), retained=True, mono=0.0, utc=NOW)
     page = tool_page(tools.tools["a"], here, 0.0).watch
-    assert "holds, watched for 2 h; it began from the record" in page
-    assert "+0.1 ± 0.04" in page
+    assert "holds, watched for 2 h; began from the record" in page
+    assert "+0.100 ±\u00a00.040" in page
     assert "mg" in page and "<i>" not in page
+
+
+def test_the_page_says_what_departs_what_to_do_and_what_would_show_the_rest() -> None:
+    error = {"inc_deg": 0.0231, "tf_sin_inc_deg": -0.0472, "tf_deg": None}
+    claim = {
+        "effect": "bias_step", "parameter": "b_x", "equivalence_class": ["b_x", "S_xz"], "size": -8e-4, "std": 4e-5,
+        "unit": "g", "error": error,
+    }  # fmt: skip
+    said = {
+        "verdict": "departs", "claims": [claim, 7, {"parameter": "<b>", "size": "x", "error": [1]}],
+        "noise_changes": [{"axis": "y", "factor": 4.13}, {"axis": "<i>", "factor": 2.0}, "z"], "undecided": 0,
+        "advice": ["take a roll test"], "not_observable": {"b_z": "needs <u>", "S_zz": "needs <u>", "kT_x": 5},
+        "parameters": {"b_x": {"value": -8e-4, "std": 4e-5, "unit": "g", "observable": True}},
+    }  # fmt: skip
+    tools, here = Tools("highside"), Broker("127.0.0.1:1883", True, "", 0.0)
+    tools.take("highside/a/status", b"online", retained=True, mono=0.0, utc=NOW)
+
+    def shown() -> str:
+        tools.take("highside/a/watch", json.dumps(said).encode(), retained=True, mono=0.0, utc=NOW)
+        return tool_page(tools.tools["a"], here, 0.0).watch
+
+    page = shown()
+    assert "b_x / S_xz: b_x \u22120.800 ±\u00a00.080 mg; ΔI +0.023°, ΔT·sin I \u22120.047°" in page
+    assert "y 4.1 ×" in page
+    assert "<b>b_z, S_zz</b>" in page
+    assert "needs &lt;u&gt;" in page
+    assert "<u>" not in page and "<i>" not in page
+    # the advice stands at the top of the page where it departs, and here where it does not
+    assert "take a roll test" not in page
+    said |= {"verdict": "learning", "claims": [], "undecided": 2}
+    page = shown()
+    assert "take a roll test" in page
+    assert "noise that has grown or a departure" in page
+    said |= {"claims": "x", "advice": 3, "not_observable": [1], "noise_changes": {"axis": "y"}, "undecided": "x"}
+    assert "departs" not in shown()

@@ -2,27 +2,31 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from highside.watch import Still, Watch
-from studies.watch_limits import FROM_THE_START, Listener, bound, found, row
+from highside.watch import POLICY, Still, Watch
+from studies.watch_limits import Listener, bound, found, row
 from studies.watch_wells import OTHERS, Conditions, Departure, Well, drawn_other, others, stated_prior
 
 SHORT = Conditions(hours=12.0, vibration_g=3.0)
 
 
+@pytest.mark.parametrize("later", [False, True])
 @pytest.mark.parametrize("name", ["b_x", "S_zz", "S_xz", "kT_x", "kV_z", "drift_y"])
-def test_the_bound_of_all_measurements_at_once_is_what_the_bank_gathers(name: str) -> None:
+def test_the_bound_of_all_measurements_at_once_is_what_the_bank_gathers(name: str, later: bool) -> None:
     """Jacobian by differences of the generator's formulas, against the watch's own equations one after the other."""
-    listener, watch = Listener(), Watch(stated_prior())
+    # noise is taken as it is stated, as the bound has it
+    listener, watch = Listener(), Watch(stated_prior(), policy=replace(POLICY, scale_from=POLICY.scale_over + 1))
     for taker in (listener, watch):
         well = Well("J", 41_000, SHORT)
         while well.t_s < SHORT.hours * 3600.0:
             well.stand(taker)  # type: ignore[arg-type]
     # a stand begins with a rest, and the bank a new onset with each
     rests = [one.t_s for one in listener.taken if isinstance(one, Still)]
-    at_s = 0.0 if name.startswith(FROM_THE_START) else rests[len(rests) // 2]
+    at_s = rests[len(rests) // 2] if later and not name.startswith(("kT", "kV")) else 0.0
     std = bound(listener.taken, Departure(name, 1.0, at_s), stated_prior())
     assert std * np.sqrt(watch.information_of(name, at_s)) == pytest.approx(1.0, rel=1e-6)
 
@@ -57,11 +61,16 @@ def test_a_drift_grows_rectification_follows_vibration_and_noise_grows() -> None
 
 
 def test_what_grows_and_what_rectifies_is_in_the_class_that_is_said() -> None:
-    """40 wells of each kind are in docs/evidence.md."""
-    for word in OTHERS[:2]:
-        judged = [one for one in others(word, 3, 305_000, Conditions(hours=40.0)) if one.in_class]
-        assert all(one.in_class[0] for one in judged)
-    noisy = others(OTHERS[3], 3, 335_000, Conditions(hours=60.0))
-    reached = [one for one in noisy if one.bound_h is not None]
-    assert reached
-    assert any(one.found_h is not None for one in reached)
+    """60 wells of each kind are in docs/evidence.md. While drifts began with the watch alone, one that began later was
+    said to be a step."""
+    for word, first_seed in zip(OTHERS[:3], (305_000, 305_000, 325_000), strict=True):
+        judged = [one for one in others(word, 3, first_seed, Conditions(hours=40.0)) if one.in_class]
+        assert judged
+        assert all(all(one.in_class) for one in judged)
+
+
+def test_noise_that_goes_on_growing_is_no_departure() -> None:
+    """Up to 27 times the stated. While measurements were weighted as stated, these wells departed."""
+    noisy = others(OTHERS[3], 5, 335_000, Conditions())
+    assert all(one.found_h is not None for one in noisy if one.bound_h is not None)
+    assert not any(one.alarmed for one in noisy)

@@ -14,12 +14,15 @@ from highside.api.watch import proposal_of
 from highside.arrays import Array
 from highside.calibration.applied import corrected_accel
 from highside.calibration.record import correction_from_record, largest_difference, parse_record, recompute
+from highside.codec.frame import Counts, Frame
+from highside.config.settings import MonitorSettings, PipelineSettings, RollingBiasTable, SurveySettings, ToolSettings
 from highside.config.watch import WatchSettings
 from highside.errors import InputError, Refused
+from highside.service.pipeline import Pipeline
 from highside.service.saved_watch import SavedWatch
 from highside.service.watch_keeper import message
 from highside.service.watch_stage import Watched, WatchStage
-from highside.watch import POLICY, Still, Watch, WatchResult, prior_of_record
+from highside.watch import POLICY, STATED, Still, Watch, WatchResult, prior_of_record
 from highside.watch.live import LiveRows, LiveWatch, Stretch
 from highside.watch.proposal import propose, read_outcome
 from highside.watch.turning import TurningRows, fit_turning, mean_span
@@ -131,23 +134,6 @@ def test_a_memory_that_is_none_is_refused(calibration: highside.Calibration, dam
         Watch(prior_of_record(calibration.record), "x").recall(bad)
 
 
-def test_a_memory_of_an_earlier_version_is_gone_on_with(calibration: highside.Calibration) -> None:
-    """It did not keep what the random walk has made: then as if measurements had not touched that."""
-    watch = Watch(prior_of_record(calibration.record), calibration.record.id)
-    for hour in range(20):
-        watch.still(still_of(3600.0 * hour, np.array([0.3, 0.4, np.sqrt(0.75)])))
-    memory = watch.memory()
-    older = replace(memory, arrays={name: values for name, values in memory.arrays.items() if name != "walked"})
-    again = Watch(prior_of_record(calibration.record), calibration.record.id)
-    again.recall(older)
-    now, before = again.result(), watch.result()
-    assert all(now.parameters[name].value == one.value for name, one in before.parameters.items())
-    stated = np.sqrt(np.diag(memory.arrays["covariance"]))
-    for own, one, other in zip(stated, now.parameters.values(), before.parameters.values(), strict=True):
-        assert own <= one.std <= POLICY.walk * max(own, other.std)
-    assert now.parameters["b_z"].std > before.parameters["b_z"].std
-
-
 def test_a_tool_switched_on_again_may_have_another_offset(calibration: highside.Calibration) -> None:
     """A step within what is stated of a power-up is a departure while the tool runs, and none where it was off."""
     rows = rows_of_a_well(11, stands=30, inclinations_deg=(5.0, 85.0), step_g=(3e-4, 0.0, 0.0), step_at=20)
@@ -248,6 +234,87 @@ def test_a_state_of_another_kind_is_refused_and_what_is_said_is_a_message(
     del saved.arrays["bank_since"]
     with pytest.raises(Refused, match="no saved watch"):
         a_stage(calibration, saved)
+
+
+class _Codec:
+    """Hands over nothing: frames are given to the pipeline as they are."""
+
+    name, seq_modulus, extra_columns = "list", 65536, ("tvd_m",)
+
+    def __init__(self) -> None:
+        self.counts = Counts()
+
+
+def shaken_well(kv_g: float, deeper: float) -> dict[str, Array]:
+    """A well in which the turning tool shakes along z, more in some stands than in others, and gravity grows by
+    `deeper` over 3 km of depth."""
+    stands, rate_hz = 14, 50.0
+    rows = rows_of_a_well(9, stands=stands, inclinations_deg=(5.0, 60.0), rate_hz=rate_hz)
+    stand, within = np.divmod(rows["t_s"], 1800.0)
+    share = stand / (stands - 1)
+    rms = np.where(within > 90.0, np.random.default_rng(2).uniform(0.3, 1.6, stands)[stand.astype(int)], 0.0)
+    for name in AXES:
+        rows[name] *= 1.0 + deeper * share
+    rows["az_g"] += np.sqrt(2.0) * rms * np.sin(2.0 * np.pi * 20.0 * within) + kv_g * rms**2
+    return rows | {"tvd_m": np.where(stand == 5, -9999.0, 3000.0 * share)}
+
+
+def test_the_service_sees_depth_and_what_its_own_stream_says_of_vibration(calibration: highside.Calibration) -> None:
+    """Depth by a column of the codec, vibration by the readings: rectification is named, and gravity's growth is not
+    taken for the tool's."""
+    rows = shaken_well(15e-3, 3.0 * STATED.gravity_per_km)
+    stage = WatchStage(WatchSettings(), Watched(calibration.record, 1.0, 1e-5))
+    pipeline = Pipeline(
+        codec=_Codec(),  # type: ignore[arg-type]
+        tool=ToolSettings(noise_g=3e-4),
+        pipeline=PipelineSettings(output_rate_hz=0.1, averaging_s=1.0),
+        monitor=MonitorSettings(),
+        survey=SurveySettings(enabled=False),
+        correction=correction_from_record(calibration.record),
+        rolling_bias=RollingBiasTable(),
+        emit=lambda _: None,
+        watch=stage,
+    )
+    columns = np.column_stack([rows[name] for name in ("t_s", *AXES, *RATES, "tvd_m")]).tolist()
+    for k, (t, ax, ay, az, gx, gy, gz, depth) in enumerate(columns):
+        pipeline.on_frame(Frame(k, t, 100.0 + t, ax, ay, az, gx, gy, gz, temp_c=25.0, extra=(depth,)))
+    stage.finish()
+    parts = list(stage.waiting)
+    assert len(parts) == 28
+    for part in parts:
+        vibration, depth = part.rows.vibration_g, part.rows.depth_m
+        assert vibration is not None
+        assert (np.median(vibration) > 0.2) == part.turning
+        at_s = part.rows.t_s[0]
+        # a marker of a missing value is no depth
+        assert depth is None if at_s // 1800.0 == 5 else depth == pytest.approx(3000.0 * (at_s // 1800.0) / 13.0)
+    while stage.waiting:
+        said = stage.core.take(stage.waiting.popleft())
+    (claim,) = said.claims
+    assert "kV_z" in claim.equivalence_class
+    assert claim.parameter == "kV_z"
+    assert claim.parameters["kV_z"].value == pytest.approx(15e-3, rel=0.25)
+
+
+def test_without_vibration_and_with_gravity_that_grows_with_depth_nothing_departs(
+    calibration: highside.Calibration,
+) -> None:
+    """A depth that is missing for a stand is the one of before; hours are no kilometres."""
+    watch = Watch(prior_of_record(calibration.record))
+    rng = np.random.default_rng(3)
+    for k in range(120):
+        deeper = 4.0 * k / 120.0
+        f = rng.standard_normal(3)
+        length = 1.0 + deeper * STATED.gravity_per_km + 1e-5 * rng.standard_normal()
+        depth = None if k % 7 == 3 else 1.0 + deeper
+        watch.still(Still(1800.0 * k, f / np.linalg.norm(f) * length, 1e-5, 25.0, depth))
+        if k == 60:
+            memory = watch.memory()
+            watch = Watch(prior_of_record(calibration.record))
+            watch.recall(memory)
+    said = watch.result()
+    assert said.verdict != "departs"
+    assert abs(said.parameters["growth"].value) < 4.0 * said.parameters["growth"].std
 
 
 # --- proposals -----------------------------------------------------------------------------------------------

@@ -12,8 +12,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, TypeVar
 
-from highside.config.model import Model, as_toml, load_model, parse_model
-from highside.config.model_bench import bench_columns, bench_of, laws_of_the_sensor, notes_on, true_references
 from highside.errors import InputError
 from highside.physics.forward import ForwardModel
 from highside.physics.law import Law
@@ -21,11 +19,12 @@ from highside.reading import read_document
 from highside.recording.table import Table
 
 if TYPE_CHECKING:
+    from highside.config.model import Model
     from highside.rotation import Compensation
 
 __all__ = ["ModelLike", "load_compensation", "model_of", "on_true_bench"]
 
-ModelLike: TypeAlias = Model | str | os.PathLike[str] | Mapping[str, Any]
+ModelLike: TypeAlias = "Model | str | os.PathLike[str] | Mapping[str, Any]"
 """a model, its file, or the tables of the file as a dict"""
 CompensationLike: TypeAlias = "Compensation | str | os.PathLike[str]"
 TableT = TypeVar("TableT", bound=Table)
@@ -33,6 +32,8 @@ TableT = TypeVar("TableT", bound=Table)
 
 def model_of(model: ModelLike) -> Model:
     """The model itself, of its file (TOML), or of the tables of such a file. Raises InputError that names the field."""
+    from highside.config.model import Model, load_model, parse_model
+
     if isinstance(model, Model):
         return model
     if isinstance(model, Mapping):
@@ -78,7 +79,10 @@ def on_true_bench(table: Table, turntable: CompensationLike | None, model: Model
         table = _moved(table, {"inc_ref_deg": true_inc, "tf_ref_deg": true_tf})
         ids.append(known.id)
     if model is not None:
-        knows, where = model_of(model), None if isinstance(model, Model | Mapping) else str(model)
+        from highside.config.model import as_toml
+        from highside.config.model_bench import bench_of, laws_of_the_sensor, notes_on
+
+        knows, where = model_of(model), str(model) if isinstance(model, str | os.PathLike) else None
         laws, bench = laws_of_the_sensor(knows, where), bench_of(knows)
         if not bench.effects and not laws:
             raise InputError(
@@ -101,6 +105,8 @@ def _moved(table: TableT, columns: Mapping[str, Any]) -> TableT:
 
 def _by_bench(table: Table, bench: ForwardModel) -> Table:
     """References where the bench truly stood."""
+    from highside.config.model_bench import bench_columns, true_references
+
     table.require("inc_ref_deg", "tf_ref_deg")
     needed = bench_columns(bench)
     if needed:

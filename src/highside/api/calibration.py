@@ -6,7 +6,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, Self, TypedDict, Unpack, overload
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Self, TypedDict, Unpack, overload
 
 import numpy as np
 
@@ -37,10 +37,12 @@ from highside.recording.calibration_store import read_record
 from highside.recording.files import write_whole
 from highside.recording.frames import Columns, File, FrameT, source_of, take
 from highside.recording.table import PoseTable, Readings, Recording, SolverTable, Table
-from highside.rotation import Compensation
 from highside.shown.card import card
 from highside.shown.panel import PlotLine, PlotPanel
 from highside.shown.plot import Plot
+
+if TYPE_CHECKING:
+    from highside.rotation import Compensation
 
 __all__ = ["Calibration", "CorrectedReadings", "calibrate", "find_poses", "read_solver_table"]
 

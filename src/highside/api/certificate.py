@@ -12,14 +12,18 @@ from highside.api.calibration import Calibration, read_solver_table
 from highside.calibration.pose_table import solver_columns
 from highside.calibration.poses import PoseSet
 from highside.calibration.record import CalibrationRecord, RecordError, RecordReason, to_utc
-from highside.config.certificate import CertificateFields, load_certificate_fields
+from highside.config.certificate import CertificateFields, in_language_of, load_certificate_fields
+from highside.reading import read_bytes
 from highside.recording.calibration_store import read_record
 from highside.recording.files import write_whole
 from highside.recording.frames import Columns, File, FrameT
 from highside.report.certificate import certificate as sheets_of
+from highside.report.certificate import number_of
 from highside.report.certificate_budget import budget_at
 from highside.report.certificate_conformity import verdict_lines
 from highside.report.certificate_inputs import Inputs
+from highside.report.certificate_photographs import of_session
+from highside.report.dcc import Printed, dcc
 from highside.report.document import Sheets
 from highside.shown.card import card
 from highside.shown.panel import PlotLine, PlotPanel
@@ -59,6 +63,14 @@ class Certificate:
         write_whole(target, data)
         return pages or None
 
+    def dcc(self, printed: File | None = None) -> bytes:
+        """The same as Digital Calibration Certificate (PTB's DCC XML 3.3.0); `printed`: a file to travel within. Raises
+        InputError where the fields name no country, or that file cannot be read."""
+        path = None if printed is None else Path(printed)
+        kind = "text/html" if path is None or path.suffix.lower() != ".pdf" else "application/pdf"
+        within = None if path is None else Printed(path.name, kind, read_bytes(path))
+        return dcc(self.inputs, number_of(self.inputs), within)
+
     def _repr_html_(self) -> str:
         """What a notebook shows: the expanded uncertainties, and the verdicts."""
         record = self.inputs.record
@@ -86,13 +98,17 @@ def certify(
     previous: Calibration | CalibrationRecord | File | None = None,
     as_found: PoseSet | File | Columns | FrameT | None = None,
     as_left: PoseSet | File | Columns | FrameT | None = None,
+    session: File | None = None,
+    language: str | None = None,
 ) -> Certificate:
     """The certificate of a calibration.
 
     `fields`: what only people know (laboratory, customer, traceability, limits, signatory), a TOML file; what is not
     stated is named as such. `previous`: the calibration in force before, for the state as found. `as_found`,
     `as_left`: poses measured before and afterwards (tables with `inc_ref_deg, tf_ref_deg, ax, ay, az`); without them
-    those of the record. Raises InputError for what is not in order, Refused for a record of another tool.
+    those of the record. `session`: the journal of the session that the record follows from, for its photographs.
+    `language`: "en", "de", "nb" or "es"; else that of the fields, else English. Raises InputError for what is not in
+    order, Refused for a record of another tool.
     """
     record = _record(calibration)
     stated = fields if isinstance(fields, CertificateFields) else None
@@ -102,7 +118,11 @@ def certify(
     if before is not None and before.tool_id != record.tool_id:
         where = f"{previous}: " if isinstance(previous, str | Path) else ""
         raise RecordError(RecordReason.WRONG_TOOL, f"{where}is of tool {before.tool_id!r}, not of {record.tool_id!r}")
-    return Certificate(Inputs(record, stated, to_utc(time.time()), before, _poses(as_found), _poses(as_left)))
+    if language is not None:
+        stated = in_language_of(stated, language)
+    poses = (_poses(as_found), _poses(as_left))
+    taken = () if session is None else of_session(Path(session), record)
+    return Certificate(Inputs(record, stated, to_utc(time.time()), before, *poses, taken))
 
 
 def _record(given: Calibration | CalibrationRecord | File) -> CalibrationRecord:

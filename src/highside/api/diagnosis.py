@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,15 +15,17 @@ from highside.api.bench import ModelLike, model_of
 from highside.arrays import Array
 from highside.config.model import Model, as_toml
 from highside.diagnosis.beside_laws import laws_of
+from highside.diagnosis.core.chunks import on_threads
 from highside.diagnosis.core.method import WHOLE, ProcedureParts
 from highside.diagnosis.core.problem import ReportData
 from highside.diagnosis.core.result import Claim, DiagnosisResult, Finding, Fit, Location, Remainder, Verdict
-from highside.diagnosis.recording import Request, diagnose_columns
+from highside.diagnosis.recording import ACCELEROMETERS, GYROS, Request, diagnose_columns, rotates
 from highside.diagnosis.simulation.alignment import Align
 from highside.errors import InputError
 from highside.physics.noise import std_of_average
 from highside.recording.files import write_folder
 from highside.recording.frames import Columns, File, FrameT, take
+from highside.recording.long import MANY_ROWS, LongRecording, long_recording
 from highside.recording.table import Recording, SummaryTable, Table
 from highside.report.diagnosis_claims import claim_size
 from highside.report.diagnosis_words import verdict_words
@@ -35,6 +38,8 @@ if TYPE_CHECKING:
 
 __all__ = ["Diagnosis", "diagnose", "diagnose_table", "rows_of"]
 
+NEEDED = ("t_s", "inc_ref_deg", "tf_ref_deg", "rotor_deg", *ACCELEROMETERS, *GYROS)
+"""what a row of a rotation must have to be used, where the column is there at all"""
 MINUTE_S = 60.0
 """the poses of a table without times are taken to be so far apart"""
 CONCLUSIVE = frozenset({"named", "named_plus", "law", "nothing_left_out"})
@@ -101,8 +106,8 @@ class Diagnosis:
     def model(self) -> Model | None:
         """The model with the claimed effects at their fitted values; None where the verdict names nothing.
 
-        Parameters of an effect that a claim says nothing of stay as the model has them. Raises InputError for values
-        that are not plausible.
+        Parameters of an effect that a claim says nothing of stay as the model has them. A value that is beyond its
+        plausible range by less than its error is kept, with `implausible = true`.
         """
         if self.verdict not in CONCLUSIVE:
             return None
@@ -112,7 +117,7 @@ class Diagnosis:
             for claim in self.claims
             if claim.law is None
         }
-        made = self.before.with_effects(claimed) if claimed else self.before
+        made = self.before.with_effects(claimed, as_found=True) if claimed else self.before
         return made.with_laws(laws_of(self.found)) if laws_of(self.found) else made
 
     def model_toml(self) -> str | None:
@@ -155,6 +160,8 @@ class DiagnoseOptions(TypedDict, total=False):
     first_s: float | None
     last_s: float | None
     seed: int
+    run_by_run: bool | None
+    threads: int | None
     method: ProcedureParts
 
 
@@ -167,6 +174,8 @@ def diagnose(
     first_s: float | None = None,
     last_s: float | None = None,
     seed: int = 1,
+    run_by_run: bool | None = None,
+    threads: int | None = None,
     method: ProcedureParts = WHOLE,
 ) -> Diagnosis:
     """Say where a recording departs from what a model predicts, what was left out, and how sure that is.
@@ -175,35 +184,75 @@ def diagnose(
     reference: `inc_ref_deg` with `tf_ref_deg` or `rotor_deg`), or a pose table. `model`: a model file, its tables or a
     `Model`: what the simulation knows; None: nothing beside the sensor. `simulation`: another program's output in the
     place of the model's prediction, with columns of the same names on times of its own; `align`: "none" where both are
-    of one clock, "offset" where each has its own zero of time, "auto" by the spans. `first_s`, `last_s` cut a
-    stretch out, s. The same `seed` gives the same answer; `method` leaves parts of the procedure out, for studies.
+    of one clock, "offset" where each has its own zero of time, "auto" by the spans. `first_s`, `last_s` cut a stretch
+    out, s. The same `seed` gives the same answer; `method` leaves parts out, for studies. `run_by_run`: never hold the
+    rows of a rotation (Parquet) in the memory, or always; None: from 1.5 million rows on. `threads`: runs at once.
 
     The verdict `bad_data` is an answer too. Raises InputError for a recording or a model that is not in order.
     """
     knows = Model() if model is None else model_of(model)
-    rows = rows_of(recording, first_s=first_s, last_s=last_s)
+    whole = simulation is not None or first_s is not None or last_s is not None
+    long = None if whole or run_by_run is False else long_rows(recording, knows, always=run_by_run is True)
+    if long is None and run_by_run:
+        raise InputError(
+            "is no rotation with a known reference in Parquet, cut nowhere and without another program's prediction",
+            field="run_by_run",
+            remedy="leave it out: the rows are read into the memory",
+        )
+    rows, timed = (long, True) if long is not None else _rows_and_clock(recording, first_s, last_s)
     predicted = None if simulation is None else take(simulation, Recording).table
     sensor, axes = knows.sensor, knows.tool.map
-    answer = diagnose_columns(
-        Request(
-            columns=rows.columns,
-            complete=rows.complete,
-            forward=knows.forward(),
-            free=sensor.free,
-            site=knows.site.site,
-            axes=list(zip(axes.order, axes.signs, strict=True)),
-            reference=knows.reference.kind if "kind" in knows.reference.model_fields_set else None,
-            predicted=None if predicted is None else predicted.columns,
-            align=align,
-            free_of_prediction=sensor.free if "free" in sensor.model_fields_set else (),
-            seed=seed,
-            version=__version__,
-            method=method,
-            where=rows.source,
-            predicted_where=None if predicted is None else predicted.source or "simulation",
-        )
+    request = Request(
+        columns=rows.columns,
+        complete=rows.complete,
+        forward=knows.forward(),
+        free=sensor.free,
+        site=knows.site.site,
+        axes=list(zip(axes.order, axes.signs, strict=True)),
+        reference=knows.reference.kind if "kind" in knows.reference.model_fields_set else None,
+        predicted=None if predicted is None else predicted.columns,
+        align=align,
+        free_of_prediction=sensor.free if "free" in sensor.model_fields_set else (),
+        seed=seed,
+        version=__version__,
+        method=method,
+        lacking=_lost(rows) if isinstance(rows, LongRecording) else (),
+        timed=timed,
+        where=rows.source,
+        predicted_where=None if predicted is None else predicted.source or "simulation",
     )
-    return Diagnosis(answer.diagnosis, answer.report_data, knows, _name(rows), answer.notes)
+    with on_threads(threads):
+        answer = diagnose_columns(request)
+    notes = (*_of_long(rows), *answer.notes) if isinstance(rows, LongRecording) else answer.notes
+    return Diagnosis(answer.diagnosis, answer.report_data, knows, _name(rows), notes)
+
+
+def long_rows(recording: object, model: ModelLike | None = None, *, always: bool = False) -> LongRecording | None:
+    """The rows of a Parquet file that are too many for the memory, if it is a rotation with a known reference.
+
+    None for anything else, which `rows_of` reads; `always`: however few the rows are. Raises InputError as that does.
+    """
+    if not isinstance(recording, str | os.PathLike):
+        return None
+    knows = Model() if model is None else model_of(model)
+    if "kind" in knows.reference.model_fields_set and knows.reference.kind != "pose":
+        return None
+    found = long_recording(Path(recording), NEEDED, at_least=0 if always else MANY_ROWS)
+    return found if found is not None and rotates(found.columns) else None
+
+
+def _lost(rows: LongRecording) -> tuple[Finding, ...]:
+    """What is said of rows that were left out."""
+    if not rows.lost:
+        return ()
+    words = f"{rows.lost} of {rows.n + rows.lost} rows lack a value and are left out"
+    return (Finding("missing_values", rows.lacking, 0.0, words),)
+
+
+def _of_long(rows: LongRecording) -> tuple[str, ...]:
+    """What is said of a recording that is not in the memory."""
+    aside = f"; columns that were not used: {', '.join(rows.aside)}" if rows.aside else ""
+    return (f"{rows.n} rows are more than are held in the memory: they are read run by run{aside}",)
 
 
 def rows_of(
@@ -213,14 +262,22 @@ def rows_of(
 
     `first_s` and `last_s` cut a stretch out of it, s. Raises InputError.
     """
-    table = take(recording, Table).table
+    return _rows_and_clock(recording, first_s, last_s)[0]
+
+
+def _rows_and_clock(
+    recording: File | Columns | FrameT, first_s: float | None, last_s: float | None
+) -> tuple[Recording, bool]:
+    """As `rows_of`, and whether the times of the rows were recorded."""
+    table, timed = take(recording, Table).table, True
     if "ax_g" not in table.columns and table.has("ax", "ay", "az"):
+        timed = table.has("t_s")
         table = _of_poses(table)
     rows = Recording(table.columns, table.texts, table.order, table.source)
     # a text in one cell makes a column of texts: no reason to say that a sensor's column is missing
     rows.require(*(name for name in Recording.known if name in rows.texts))
     if first_s is None and last_s is None:
-        return rows
+        return rows, timed
     t_s = rows.t_s
     keep = (t_s >= (-np.inf if first_s is None else first_s)) & (t_s <= (np.inf if last_s is None else last_s))
     if not keep.any():
@@ -230,7 +287,7 @@ def rows_of(
             field="first_s, last_s",
             remedy="give times of the recording",
         )
-    return rows.select(keep)
+    return rows.select(keep), timed
 
 
 def _of_poses(poses: Table) -> Table:
@@ -248,7 +305,7 @@ def _of_poses(poses: Table) -> Table:
     return Table(columns, source=poses.source)
 
 
-def _name(table: Table) -> str:
+def _name(table: Table | LongRecording) -> str:
     return "recording" if table.source is None else Path(table.source).name
 
 

@@ -14,6 +14,7 @@ from pydantic import ValidationError
 from highside.api.calibration import Calibration
 from highside.arrays import Array
 from highside.calibration.applied import corrected_accel
+from highside.calibration.record import verify
 from highside.config.watch import WatchSettings
 from highside.errors import InputError
 from highside.recording.calibration_store import read_record
@@ -45,6 +46,8 @@ class WatchedRecording:
     source: str
     """name of the recording"""
     notes: tuple[str, ...] = ()
+    tool: str | None = None
+    """of the record; a recording does not say whose it is"""
 
     @property
     def verdict(self) -> str:
@@ -53,11 +56,12 @@ class WatchedRecording:
 
     def to_dict(self) -> dict[str, Any]:
         """What goes into `watch.json`."""
-        return self.found.to_dict() | {"recording": self.source, "notes": list(self.notes), "version": __version__}
+        beside = {"recording": self.source, "tool": self.tool, "notes": list(self.notes), "version": __version__}
+        return self.found.to_dict() | beside
 
     def html(self) -> str:
         """The report: one page that needs nothing beside it."""
-        return page_of(self.found, self.source, self.notes)
+        return page_of(self.found, self.source, self.notes, self.tool)
 
     def save(self, folder: File) -> None:
         """Write `watch.json` and `report.html`. Raises InputError for a folder that cannot be made."""
@@ -101,6 +105,8 @@ def watch_recording(
     still_floor_g: float = STATED.still_floor_g,
     window_floor_g: float = STATED.window_floor_g,
     whirl_m: float = STATED.whirl_m,
+    tool: str | None = None,
+    serial: str | None = None,
 ) -> WatchedRecording:
     """Whether a calibration holds over a recording made in the hole (or anywhere, without a reference).
 
@@ -112,31 +118,26 @@ def watch_recording(
     What the tool may do while its calibration holds, one standard deviation each, as in the table `[watch]` of the
     service; the defaults are a good quartz tool's: `repeat_g` of an offset from the bench to the hole, `random_walk_g`
     in g/sqrt(h) (of the elements of the matrix the same numbers), `still_floor_g` and `window_floor_g` of the mean at
-    rest and of a harmonic while it turns, `whirl_m` of the collar in m. Raises InputError for a recording, record or
-    number that is not in order.
+    rest and of a harmonic while it turns, `whirl_m` of the collar in m. `tool`, `serial`: whose the recording is.
+    Raises InputError for a recording, record or number that is not in order, RecordError for a record of another tool.
     """
     if not abs(gravity_g - 1.0) < LARGEST_GRAVITY_ERROR:
         raise InputError(
             f"{gravity_g:g} is not gravity in g", field="gravity_g", remedy="give local gravity / 9.80665, near 1"
         )
     record = calibration.record if isinstance(calibration, Calibration) else read_record(Path(calibration))
-    tool = _stated(
+    verify(record, tool_id=tool, serial=serial)
+    may = _stated(
         repeat_g=repeat_g,
         random_walk_g=random_walk_g,
         still_floor_g=still_floor_g,
         window_floor_g=window_floor_g,
         whirl_m=whirl_m,
     )
-    prior = prior_of_record(record, tool)
+    prior = prior_of_record(record, may)
     table = take(recording, Recording).table
     where = table.source or "recording"
-    back = np.flatnonzero(np.diff(table.t_s) < 0)
-    if back.size:
-        raise InputError(
-            "time goes back", where=table.place(int(back[0]) + 1), field="t_s", remedy="sort the rows by time"
-        )
-    if table.n < 2 or not float(np.median(np.diff(table.t_s))) > 0.0:
-        raise InputError("time does not advance", where=where, field="t_s")
+    _in_order(table, where)
     temp = table.columns.get("temp_c")
     corrected = corrected_accel(record, table.accel(), temp, where=where, columns=table.columns) / gravity_g
     notes = []
@@ -148,7 +149,7 @@ def watch_recording(
     watch = Watch(prior, record.id)
     rates = np.radians(np.vstack([table.columns[name] for name in GYROS])) if has_gyros else None
     feed(watch, Rows(table.t_s, corrected, rates, temp, table.columns.get(DEPTH), _vibration(table)))
-    return WatchedRecording(watch.result(), source_of(recording, table)[0], tuple(notes))
+    return WatchedRecording(watch.result(), source_of(recording, table)[0], tuple(notes), record.tool_id)
 
 
 def _stated(**given: float) -> StatedNoise:
@@ -160,6 +161,17 @@ def _stated(**given: float) -> StatedNoise:
         raise InputError(
             f"{wrong['input']!r} is out of range", field=str(wrong["loc"][0]), remedy=wrong["msg"].lower()
         ) from None
+
+
+def _in_order(table: Recording, where: str) -> None:
+    """Raises InputError where time does not advance."""
+    back = np.flatnonzero(np.diff(table.t_s) < 0)
+    if back.size:
+        raise InputError(
+            "time goes back", where=table.place(int(back[0]) + 1), field="t_s", remedy="sort the rows by time"
+        )
+    if table.n < 2 or not float(np.median(np.diff(table.t_s))) > 0.0:
+        raise InputError("time does not advance", where=where, field="t_s")
 
 
 def _vibration(table: Recording) -> Array | None:

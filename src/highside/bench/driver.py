@@ -17,14 +17,17 @@ import time
 from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 
+from highside.bench import photographs
 from highside.bench.journal_file import SUFFIX, JournalFile, session_name, sessions, unfinished
 from highside.bench.session import outcome
 from highside.bench.session.commands import Origin
-from highside.bench.session.entries import Entry, Noted
+from highside.bench.session.driver import REMARK_MAX, REMARKS_MAX, Kept
+from highside.bench.session.entries import Entry, Noted, Photographed
 from highside.bench.session.journal import StorageError
 from highside.bench.session.reasons import Refusal
 from highside.bench.session.session import BenchSession
 from highside.bench.session.snapshot import Command, Reply, Snapshot, UncertaintyState
+from highside.bench.session.time_to_go import Pace
 from highside.bench.session.view import View
 from highside.bench.setup import header_of, simulated_bench, turntable_path
 from highside.bench.simulated_bench import SimulatedBench
@@ -34,6 +37,7 @@ from highside.config.bench import BenchFile
 from highside.errors import HighsideError, InputError
 from highside.link.base import Batch, Chunk, LinkReason, LinkState, LinkSupervisor, SupervisorSettings, Transport
 from highside.link.tcp_wire import local_reader
+from highside.printable import one_line
 from highside.service.monitor import Monitor
 
 log = logging.getLogger("highside")
@@ -71,6 +75,8 @@ class BenchDriver:
         """set when acquisition is over and the record is stored"""
         self._commands = asyncio.Lock()
         self._looking_ahead: asyncio.Task[None] | None = None
+        self._remarks = 0
+        self._photographs = asyncio.Lock()
         self.stored: Path | None = None
         """the record in the store, once it is there"""
 
@@ -108,7 +114,13 @@ class BenchDriver:
         attempt = 1 + sum(isinstance(entry, Noted) and entry.code == "interrupted" for entry in read.entries)
         noise = settings.tool.noise_g
         session = BenchSession(
-            read.header, _keeper(journal), time.time, ledger=ledger, known_noise_g=noise, store=store
+            read.header,
+            _keeper(journal),
+            time.time,
+            ledger=ledger,
+            known_noise_g=noise,
+            store=store,
+            pace=Pace.of(read.entries, read.times_s),
         )
         if ledger.began:
             try:
@@ -176,6 +188,45 @@ class BenchDriver:
                     reply = reply.model_copy(update={"text": text})
         self._changed.set()
         return reply
+
+    async def remark(self, operator: str, text: str) -> str:
+        who, said = one_line(operator).strip()[:64], one_line(text).strip()
+        if not who or not said or len(said) > REMARK_MAX:
+            return f"A note has 1 to {REMARK_MAX} letters, and an operator."
+        async with self._commands:
+            if self._remarks >= REMARKS_MAX:
+                return f"There are {REMARKS_MAX} notes already: begin anew, or write them elsewhere."
+            try:
+                self.session.remark(who, said, time.monotonic())
+            except StorageError as error:
+                return f"{Refusal.STORAGE.text} ({error})"
+            self._remarks += 1
+        self._changed.set()
+        return "The note is in the journal."
+
+    async def photograph(self, operator: str, text: str, sent: bytes) -> Kept:
+        who, said = one_line(operator).strip()[:64], one_line(text).strip()[:REMARK_MAX]
+        if not who:
+            return Kept(False, "Say who you are: the field Operator is empty.")
+        async with self._photographs:
+            try:
+                picture = await asyncio.to_thread(self._kept_photograph, sent)
+                entry = Photographed(who, said, picture.sha256, picture.width, picture.height)
+                async with self._commands:
+                    self.session.photographed(entry, time.monotonic())
+            except HighsideError as error:
+                return Kept(False, f"Not kept: {error}.")
+            except StorageError as error:
+                return Kept(False, f"{Refusal.STORAGE.text} ({error})")
+        self._changed.set()
+        return Kept(True, f"The photograph is kept with the session (SHA-256 {picture.sha256[:12]}).")
+
+    def _kept_photograph(self, sent: bytes) -> photographs.Picture:
+        """The file of a photograph, on the disk. Raises HighsideError, StorageError."""
+        photographs.refuse_more(self._journal.path)
+        picture = photographs.drawn_anew(sent)
+        photographs.keep(self._journal.path, picture)
+        return picture
 
     def _keep_record(self) -> None:
         solved, record = self.session.solved, self.session.record

@@ -3,11 +3,16 @@
 A line is handed over in one write and flushed to the disk before anybody is notified of it. A write that fails
 leaves the file as it was (a torn line is cut off again). The file is locked while a session goes on in it, so that two
 processes cannot. Going on cuts off what the end of the last process tore.
+
+A file that somebody deletes or moves away under the session is noticed with the next line, and written anew at its
+place with all that it held: a pose counts as kept only if it will be found. Where another file was put there, that one
+is left alone and the write fails.
 """
 
 from __future__ import annotations
 
 import contextlib
+import logging
 import os
 import re
 from collections.abc import Callable, Iterator
@@ -21,7 +26,10 @@ from highside.errors import InputError
 from highside.reading import read_bytes
 from highside.reading.files import OPEN_FLAGS
 from highside.recording.files import flush_directory, make_directory
+from highside.recording.in_place import is_at
 from highside.recording.locks import lock
+
+log = logging.getLogger("highside")
 
 SUFFIX = ".journal"
 _NAME = re.compile(r"^(?P<tool>.+)_\d{8}T\d{6}Z(?:-\d+)?\.journal$")
@@ -99,12 +107,36 @@ class JournalFile:
             while view:
                 view = view[os.write(self._descriptor, view) :]
             os.fsync(self._descriptor)
+            if not is_at(self.path, self._descriptor):
+                self._begin_anew(self._size + len(line))
         except OSError as error:
             with contextlib.suppress(OSError):
                 os.ftruncate(self._descriptor, self._size)
                 os.lseek(self._descriptor, self._size, os.SEEK_SET)
             raise StorageError(f"{self.path}: {error.strerror}") from error
         self._size += len(line)
+
+    def _begin_anew(self, size: int) -> None:
+        """A new file with all that this one holds. Raises OSError, where another is there FileExistsError."""
+        content = b""
+        while len(content) < size and (piece := os.pread(self._descriptor, size - len(content), len(content))):
+            content += piece
+        make_directory(self.path.parent)
+        descriptor = os.open(self.path, os.O_RDWR | os.O_CREAT | os.O_EXCL | OPEN_FLAGS, 0o644)
+        try:
+            lock(descriptor)
+            view = memoryview(content)
+            while view:
+                view = view[os.write(descriptor, view) :]
+            os.fsync(descriptor)
+            flush_directory(self.path.parent)
+        except OSError:
+            os.close(descriptor)
+            self.path.unlink(missing_ok=True)
+            raise
+        os.close(self._descriptor)
+        self._descriptor = descriptor
+        log.warning("%s was deleted or moved away in the middle of its session; it is written anew", self.path)
 
     def close(self) -> None:
         if self._descriptor >= 0:

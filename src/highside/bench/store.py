@@ -10,13 +10,13 @@ import contextlib
 import time
 from pathlib import Path
 
-from highside.bench.session.force import InForce, StoreError
+from highside.bench.session.force import NOTHING, InForce, StoreError
 from highside.calibration.record import CalibrationRecord
 from highside.calibration.signature import SigningKey, TrustedKeys
 from highside.config.bench import StoreTable
 from highside.errors import HighsideError, InputError, Refused
 from highside.recording.calibration_store import CalibrationStore, contradiction
-from highside.recording.files import write_whole
+from highside.recording.files import make_directory, write_whole
 from highside.recording.keys import read_key, read_trusted_keys
 from highside.rotation.compensation import Compensation
 
@@ -56,7 +56,8 @@ class BenchStore:
     def in_force(self, tool_id: str) -> InForce:
         """See `Store`."""
         try:
-            return InForce(self._store.active_id(tool_id), self._store.before_id(tool_id))
+            present, before = self._store.active_id(tool_id), self._store.before_id(tool_id)
+            return InForce(present, before if before is not None or present is None else NOTHING)
         except HighsideError:
             return InForce()  # no store yet, or one that cannot be read: the commands will say what is wrong
 
@@ -80,7 +81,10 @@ class BenchStore:
     def rollback(self, tool_id: str, to: str) -> InForce:
         """See `Store`."""
         try:
-            self._store.rollback(tool_id, now_s=time.time(), expected=to, trusted=self._trusted)
+            if to == NOTHING:
+                self._store.take_out(tool_id, now_s=time.time())
+            else:
+                self._store.rollback(tool_id, now_s=time.time(), expected=to, trusted=self._trusted)
         except HighsideError as error:
             raise StoreError(str(error)) from error
         return self.in_force(tool_id)
@@ -99,7 +103,7 @@ class BenchStore:
 def keep_turntable(path: Path, compensation: Compensation) -> None:
     """Write the fit of a bench's turntable, whole or not at all. Raises InputError."""
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
+        make_directory(path.parent)
     except OSError as error:
         raise InputError(f"cannot be made ({error.strerror})", where=str(path.parent)) from error
     write_whole(path, compensation.to_json().encode())

@@ -216,7 +216,7 @@ class RollingBias:
         elif self._farthest - abs(turned) > _TURNED_BACK_RAD:
             self._decline(DeclineReason.PARTIAL_TURN)
             return
-        if t_s - revolution.t0 > TURN / (settings.min_rate_rpm * TURN / 60.0):
+        if (t_s - revolution.t0) * settings.min_rate_rpm > 60.0:
             # longer than a turn may last: it is at rest, or creeps
             self._decline(
                 DeclineReason.NOT_TURNING if self._farthest < _STOPPED_RAD else self._why_incomplete(revolution)

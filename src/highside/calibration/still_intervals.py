@@ -47,8 +47,9 @@ def find_still_intervals(
 
     The noise at rest is the floor of the scatter of short windows, so nothing but the recording itself sets the
     threshold. Neighbouring windows must also agree in their means, which tells a slow turn from rest, and both ends of
-    an interval are trimmed until they agree with its middle. `labels` (N,), for example a pose number, forces a border
-    where it changes. Raises InputError where nothing is still.
+    an interval are trimmed until they agree with its middle; one that is too short is followed on into the windows that
+    it shares with a movement, as a short hold lies in few whole windows. `labels` (N,), for example a pose number,
+    forces a border where it changes. Raises InputError where nothing is still.
     """
     count = a.shape[1]
     width = max(4, round(window_s * rate_hz))
@@ -82,7 +83,12 @@ def find_still_intervals(
         intervals = [part for whole in intervals for part in _split_at_labels(whole, labels)]
     trimmed = [_fit_ends(a, interval, noise, width) for interval in intervals]
     merged = _join_disturbed(a, trimmed, noise, labels)
-    kept = [interval for interval in merged if interval.rows().size >= min_s * rate_hz]
+    least = round(min_s * rate_hz)
+    merged = [
+        whole if whole.rows().size >= least else _to_its_ends(a, whole, noise, width, _room(merged, k, count, labels))
+        for k, whole in enumerate(merged)
+    ]
+    kept = [interval for interval in merged if interval.rows().size >= least]
     if not kept:
         raise InputError(
             f"no interval of {min_s:g} s is still", remedy="hold each pose longer, or give a shorter minimum duration"
@@ -162,6 +168,36 @@ def _fit_ends(a: Array, interval: StillInterval, noise: Array, width: int) -> St
         else:
             break
     return StillInterval(start, stop)
+
+
+def _room(intervals: Sequence[StillInterval], k: int, count: int, labels: Array | None) -> tuple[int, int]:
+    """Rows to which an interval may reach: its neighbours, the recording, and the border of its label."""
+    low = intervals[k - 1].stop if k else 0
+    high = intervals[k + 1].start if k + 1 < len(intervals) else count
+    if labels is None:
+        return low, high
+    own = intervals[k].start
+    borders = np.flatnonzero(labels[low + 1 : high] != labels[low : high - 1]) + low + 1
+    before, after = borders[borders <= own], borders[borders > own]
+    return int(before[-1]) if before.size else low, int(after[0]) if after.size else high
+
+
+def _to_its_ends(a: Array, interval: StillInterval, noise: Array, width: int, room: tuple[int, int]) -> StillInterval:
+    """An interval with the pieces beyond its ends that agree with it, as `_fit_ends` takes off those that do not."""
+    start, stop = interval.start, interval.stop
+    piece = max(2, width // 4)
+    middle = a[:, interval.rows()].mean(axis=1, keepdims=True)
+    limit = 6.0 * noise / np.sqrt(piece) + 0.5 * noise
+
+    def agrees(rows: Array) -> bool:
+        apart = rows - middle
+        return bool(np.all(np.abs(apart.mean(axis=1)) <= limit) and np.all(np.abs(apart) <= 6.0 * noise[:, None]))
+
+    while start - piece >= room[0] and agrees(a[:, start - piece : start]):
+        start -= piece
+    while stop + piece <= room[1] and agrees(a[:, stop : stop + piece]):
+        stop += piece
+    return StillInterval(start, stop, interval.gaps)
 
 
 def _join_disturbed(

@@ -52,6 +52,9 @@ def bench(
     plain: Annotated[
         bool, typer.Option("--plain", help="Lines instead of a live picture, for serial consoles.")
     ] = False,
+    plan_of: Annotated[
+        Path | None, typer.Option("--plan-of", help="Take [plan] from this other file of a session.")
+    ] = None,
     operator: Annotated[str | None, typer.Option(help="Your name, for the record.")] = None,
     effects: EffectFolders = None,
 ) -> None:
@@ -63,7 +66,7 @@ def bench(
     from highside.config.bench import load_bench
     from highside.service.logs import start_logging
 
-    settings = load_bench(config, overrides)
+    settings = load_bench(config, overrides, plan_of=plan_of)
     start_logging("warning")
     _prepare(config, settings, effects, auto=auto)
     if which is not None and not resume:
@@ -203,7 +206,19 @@ async def _page(driver: BenchDriver, operator: str) -> BenchPage:
     if table.warning is not None:
         echo(f"warning: {table.warning}", err=True)
     echo(f"bench page: {page.link}", err=True)
+    _show_way_to_phone(page.link_elsewhere)
     return page
+
+
+def _show_way_to_phone(link: str | None) -> None:
+    """Where others reach the page; a terminal shows it as a code, too."""
+    if link is None:
+        return
+    echo(f"from a phone: {link}", err=True)
+    if sys.stderr.isatty():
+        from highside.web.phone import qr_text
+
+        echo(qr_text(link), err=True)
 
 
 async def _announce_end(driver: BenchDriver, face: PlainFace | RichFace, page: bool, stay: bool) -> None:

@@ -25,6 +25,7 @@ from highside.bench.session.snapshot import (
     VerdictState,
     table_reads,
 )
+from highside.bench.session.time_to_go import in_words
 from highside.cli.say import echo
 from highside.cli.typed import typed_keys, typed_lines
 from highside.printable import printable
@@ -198,7 +199,8 @@ def picture(snapshot: Snapshot, answer: str = "") -> Group:
     head = Text()
     total = snapshot.plan.poses
     count = f"{snapshot.plan.done}{'' if total is None else f' of {total}'} poses"
-    head.append(f"{snapshot.tool}  {snapshot.plan.title}  {count}  {snapshot.elapsed_s:.0f} s\n", style="dim")
+    to_go = "" if snapshot.to_go_s is None else f"  {in_words(snapshot.to_go_s)} to go"
+    head.append(f"{snapshot.tool}  {snapshot.plan.title}  {count}{to_go}  {snapshot.elapsed_s:.0f} s\n", style="dim")
     head.append(snapshot.prompt, style="bold")
     if snapshot.last_rejection:
         head.append(f"\n{snapshot.last_rejection}", style="yellow")

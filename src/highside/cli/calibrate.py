@@ -294,14 +294,21 @@ def history(store: StoreOption, tool: ToolOption = None, as_json: JsonOption = F
         return
     for row in rows:
         mark = "*" if row["active"] else " "
-        echo(f"{mark} {row['number']:>4}  {row['at']}  {row['tool']:<12} {row['action']:<9} {str(row['id'])[:12]}")
+        what = f"{row['tool']:<12} {row['action']:<9} {str(row['id'])[:12] or 'nothing'}"
+        echo(f"{mark} {row['number']:>4}  {row['at']}  {what}")
     if not rows:
         echo(f"nothing was put in force; {len(kept.ids())} records are kept")
 
 
 @app.command()
 def rollback(
-    store: StoreOption, tool: ToolOption = None, trusted: TrustedOption = None, as_json: JsonOption = False
+    store: StoreOption,
+    tool: ToolOption = None,
+    trusted: TrustedOption = None,
+    to_nothing: Annotated[
+        bool, typer.Option("--to-nothing", help="Take the only record out of force: none is from then on.")
+    ] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Put the record in force that was so before the present one."""
     from highside.recording.calibration_store import CalibrationStore
@@ -309,7 +316,10 @@ def rollback(
 
     kept = CalibrationStore(store)
     keys = None if trusted is None else read_trusted_keys(trusted)
-    _print_entry(kept.rollback(_only_tool(kept, tool), now_s=time.time(), trusted=keys), as_json)
+    name, now_s = _only_tool(kept, tool), time.time()
+    _print_entry(
+        kept.take_out(name, now_s=now_s) if to_nothing else kept.rollback(name, now_s=now_s, trusted=keys), as_json
+    )
 
 
 # --- records -------------------------------------------------------------------------------------------------
@@ -346,7 +356,7 @@ def _print_entry(entry: Any, as_json: bool) -> None:
             json.dumps({"number": entry.number, "action": entry.action, "tool": entry.tool_id, "id": entry.record_id})
         )
     else:
-        echo(f"in force for tool {entry.tool_id}: {entry.record_id}")
+        echo(f"in force for tool {entry.tool_id}: {entry.record_id or 'nothing'}")
 
 
 def _recompute(record: CalibrationRecord, as_json: bool) -> None:

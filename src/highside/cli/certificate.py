@@ -4,11 +4,23 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from highside.cli.options import as_options
 from highside.cli.say import echo
+
+if TYPE_CHECKING:
+    from highside.api.certificate import Certificate
+
+Session = Annotated[
+    Path | None, typer.Option("--session", help="Journal of the record's session: its photographs as an annex.")
+]
+Language = Annotated[
+    str | None,
+    typer.Option("--language", help="en, de, nb or es; else as the fields say (issue.language), else English."),
+]
 
 
 def certificate(
@@ -29,7 +41,13 @@ def certificate(
     as_left: Annotated[
         Path | None, typer.Option("--as-left", help="Poses measured afterwards; else those of the record.")
     ] = None,
+    session: Session = None,
+    language: Language = None,
     key: Annotated[Path | None, typer.Option("--key", help="Sign the certificate with this key: OUTPUT.sig.")] = None,
+    dcc: Annotated[
+        Path | None,
+        typer.Option("--dcc", help="The same as Digital Calibration Certificate (PTB's DCC XML 3.3.0), OUTPUT within."),
+    ] = None,
 ) -> None:
     """Write a certificate: result, uncertainty budget (GUM, k = 2), as found / as left, method, poses, identity."""
     from highside.api.certificate import certify
@@ -44,13 +62,33 @@ def certificate(
     record = read_record(record_file)
     # a journal of a session has poses too, which a program reads otherwise
     found, left = (None if path is None else read_poses(path) for path in (as_found, as_left))
-    made = certify(record, fields_file, previous=previous_file, as_found=found, as_left=left)
-    pages = made.save(output)
-    echo(f"{output}: certificate of record {record.id[:12]}{f', {pages} pages' if pages else ''}")
+    with as_options(language="--language"):
+        made = certify(
+            record,
+            fields_file,
+            previous=previous_file,
+            as_found=found,
+            as_left=left,
+            session=session,
+            language=language,
+        )
+    _write(made, output, dcc)
     if private is not None:
         from highside.recording.keys import sign_file
 
-        beside = sign_file(output, private, now_s=time.time())
-        echo(f"{beside}: signed by {private.name}")
+        for file in (output, dcc):
+            if file is not None:
+                echo(f"{sign_file(file, private, now_s=time.time())}: signed by {private.name}")
     for line in made.verdicts:
         echo(line)
+
+
+def _write(made: Certificate, output: Path, dcc: Path | None) -> None:
+    """The certificate, and where it is wanted the digital one with it inside."""
+    from highside.recording.files import write_whole
+
+    pages = made.save(output)
+    echo(f"{output}: certificate of record {made.inputs.record.id[:12]}{f', {pages} pages' if pages else ''}")
+    if dcc is not None:
+        write_whole(dcc, made.dcc(output))
+        echo(f"{dcc}: digital calibration certificate (DCC 3.3.0)")

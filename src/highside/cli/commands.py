@@ -50,6 +50,7 @@ COMMANDS = {
     "keys": "keys.app",
     "surveys": "surveys.app",
     "toolface": "toolface.app",
+    "users": "users.app",
     "watch": "watch.app",
     "check": "run.check",
     "schema": "run.schema",

@@ -12,6 +12,7 @@ from highside.cli.own_effects import EffectFolders, take_in
 from highside.cli.say import echo
 
 if TYPE_CHECKING:
+    from highside.api.diagnosis import Diagnosis
     from highside.diagnosis.core.result import DiagnosisResult
     from highside.recording.table import Recording
 
@@ -47,6 +48,22 @@ Report = Annotated[
     bool, typer.Option("--report/--no-report", help="Draw report.html; without it diagnosis.json alone is written.")
 ]
 
+RunByRun = Annotated[
+    bool | None,
+    typer.Option(
+        "--run-by-run/--in-memory",
+        help="Never hold the rows of a rotation (Parquet) in the memory, or always; default: from 1.5 million rows on.",
+    ),
+]
+
+Workers = Annotated[
+    int | None, typer.Option("--workers", min=1, max=256, help="Runs of rows worked on at the same time; default 2.")
+]
+
+Language = Annotated[
+    Literal["en", "de", "nb", "es"], typer.Option("--language", help="Of report.html and of what is printed.")
+]
+
 
 def diagnose(
     recording: RecordingOption = None,
@@ -66,19 +83,20 @@ def diagnose(
     last_s: Annotated[float | None, typer.Option("--to", help="Only rows up to this time, s.")] = None,
     effects: EffectFolders = None,
     report: Report = True,
+    run_by_run: RunByRun = None,
+    workers: Workers = None,
+    language: Language = "en",
 ) -> None:
     """Say where a recording departs from the simulation, what was left out, and how sure that is."""
     from highside.api import diagnosis as api
     from highside.cli.diagnose_progress import progress_on_terminal
     from highside.config.model import Model, load_model
-    from highside.recording.files import write_whole
 
     out = _require_consistent(recording, model, out, summary, simulation, write_model, align)
     take_in(effects)
     knows = Model() if model is None else load_model(model)
     with progress_on_terminal() as progress:
-        if recording is None:
-            assert summary is not None
+        if summary is not None:
             with as_options("corrected_by"):
                 made = api.diagnose_table(
                     summary,
@@ -90,13 +108,29 @@ def diagnose(
                     progress=progress,
                 )
         else:
-            rows = _rows_of(recording, codec, config, first_s, last_s)
-            progress(0.0, f"{rows.n} rows")
-            made = api.diagnose(rows, knows, simulation=simulation, align=align, seed=seed)
-    for note in made.notes:
-        echo(note)
+            assert recording is not None
+            rows: Path | Recording = recording
+            if any(one is not None for one in (codec, config, first_s, last_s)):
+                rows = _rows_of(recording, codec, config, first_s, last_s)
+            progress(0.0, recording.name)
+            with as_options(run_by_run="--run-by-run"):
+                made = api.diagnose(
+                    rows, knows, simulation=simulation, align=align, seed=seed, run_by_run=run_by_run, threads=workers
+                )
+    from highside.words import in_language
+
+    with in_language(language):
+        _write_and_tell(made, out, write_model, report=report)
+
+
+def _write_and_tell(made: Diagnosis, out: Path, write_model: Path | None, *, report: bool) -> None:
+    """Write what was found, and say it; exit status 1 where the data are bad."""
+    from highside.recording.files import write_whole
+
     learnt = made.model_toml() if write_model is not None else None
     made.save(out, report=report)
+    for note in made.notes:
+        echo(note)
     _show(made.found)
     if report:
         _say_what_the_page_lacks(out)
@@ -156,18 +190,20 @@ def _rows_of(
 
 def _show(diagnosis: DiagnosisResult) -> None:
     """The diagnosis in lines: verdict, claims, causes, what to look at."""
-    from highside.report.diagnosis_claims import claim_size
-    from highside.report.diagnosis_words import blame, claimed, tested
+    from highside.report.diagnosis_claims import claim_size, first_sentence
+    from highside.report.diagnosis_words import blame, tested, verdict_words
+    from highside.words import _, told
 
-    echo(f"{diagnosis.verdict} - {claimed(diagnosis)}{tested(diagnosis)}")
+    echo(f"{diagnosis.verdict} - {first_sentence(diagnosis, {}, verdict_words(diagnosis))}{tested(diagnosis)}")
     for claim in diagnosis.claims:
         echo(f"{claim.effect}: {claim_size(claim)}")
     if blame(diagnosis):
-        echo(f"to blame: {blame(diagnosis)}")
-    for hint in diagnosis.remainder.hints if not diagnosis.claims else ():
-        echo(f"  {hint}")
+        echo(_("to blame: %(what)s", what=blame(diagnosis)))
+    # beside a name the first says what is left, and the page the others
+    for hint in diagnosis.remainder.hints if not diagnosis.claims else diagnosis.remainder.hints[:1]:
+        echo(f"  {told(hint)}")
     for finding in diagnosis.intake:
-        echo(f"{finding.check} ({', '.join(finding.channels)}): {finding.remedy}")
+        echo(f"{finding.check} ({', '.join(finding.channels)}): {told(finding.remedy)}")
 
 
 def _say_what_the_page_lacks(out: Path) -> None:

@@ -61,6 +61,12 @@ EXAMPLES: dict[str, str] = {
     "surveys export": "surveys.jsonl --to las -o surveys.las --depths depths.csv --azimuths gyro.csv",
     "toolface set": '12.5 --author "A. Driller" --config highside.toml',
     "toolface show": "--config highside.toml",
+    "users add": '"K. Hansen" --role operate',
+    "users list": "",
+    "users password": '"K. Hansen"',
+    "users role": '"K. Hansen" --role "put in force"',
+    "users remove": '"K. Hansen"',
+    "users acts": "",
     "watch recording": "run.csv.gz --calibration cal.json --out watch",
     "watch propose": "watch/watch.json --calibration cal.json -o proposed.json",
 }

@@ -31,6 +31,13 @@ Workers = Annotated[int | None, typer.Option("--workers", min=1, max=1024, help=
 Scheduler = Annotated[
     str | None, typer.Option("--scheduler", help="Address of a dask cluster (tcp://HOST:PORT), in place of processes.")
 ]
+Dashboard = Annotated[
+    bool | None,
+    typer.Option(
+        "--dashboard/--no-dashboard",
+        help="Dask's page of what the processes do; unasked where it takes them more than a minute.",
+    ),
+]
 Json = Annotated[bool, typer.Option("--json", help="Print as JSON.")]
 
 
@@ -44,11 +51,12 @@ def diagnose_command(
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the calibration of thresholds.")] = 1,
     workers: Workers = None,
     scheduler: Scheduler = None,
+    dashboard: Dashboard = None,
     as_json: Json = False,
 ) -> None:
     """Diagnose every recording; each row keeps what pooling needs."""
     text = "" if model is None else _model_text(model)
-    _run("diagnose", catalogue, out, workers, scheduler, as_json, model=text, seed=seed)
+    _run("diagnose", catalogue, out, workers, scheduler, dashboard, as_json, model=text, seed=seed)
 
 
 @app.command("solve")
@@ -58,10 +66,11 @@ def solve_command(
     method: Annotated[str, typer.Option("--method", help="As of calibrate solve.")] = "joint",
     workers: Workers = None,
     scheduler: Scheduler = None,
+    dashboard: Dashboard = None,
     as_json: Json = False,
 ) -> None:
     """Solve every pose table to a calibration record."""
-    _run("solve", catalogue, out, workers, scheduler, as_json, method=method)
+    _run("solve", catalogue, out, workers, scheduler, dashboard, as_json, method=method)
 
 
 @app.command("drift")
@@ -71,10 +80,11 @@ def drift_command(
     method: Annotated[str, typer.Option("--method", help="As of drift.")] = "kinematic",
     workers: Workers = None,
     scheduler: Scheduler = None,
+    dashboard: Dashboard = None,
     as_json: Json = False,
 ) -> None:
     """Follow the attitude of every recording by gyros and gravity."""
-    _run("drift", catalogue, out, workers, scheduler, as_json, method=method)
+    _run("drift", catalogue, out, workers, scheduler, dashboard, as_json, method=method)
 
 
 @app.command("summary")
@@ -191,6 +201,7 @@ def _run(
     out: Path,
     workers: int | None,
     scheduler: str | None,
+    dashboard: bool | None,
     as_json: bool,
     *,
     model: str = "",
@@ -211,6 +222,7 @@ def _run(
             store,
             workers=workers,
             scheduler=scheduler,
+            dashboard=dashboard,
             progress=progress,
         )
     _show(finished, out, as_json)

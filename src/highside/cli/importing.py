@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import shlex
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -108,6 +109,8 @@ def _inspect(file: Path, wishes: Wishes, joins: Joins, profile: str | None, *, a
         for line in findings:
             echo(f"  {line}", err=True)
         return
+    from highside.importing.core.words import possible_references
+
     said = {
         "own": is_own(file),
         "form": proposal.table.form,
@@ -115,6 +118,7 @@ def _inspect(file: Path, wishes: Wishes, joins: Joins, profile: str | None, *, a
         "columns": [list(row) for each in (proposal, *(other for _, other, _ in others)) for row in rows_of(each)],
         "kept": list(proposal.kept),
         "omitted": list(proposal.omitted),
+        "possible_references": possible_references(proposal.kept, [guess.target for guess in proposal.guesses]),
         "doubts": [{"open": doubt.open, "what": doubt.what, "remedy": doubt.remedy} for doubt in doubts],
         "findings": list(findings),
     }
@@ -170,6 +174,8 @@ def _lag_s(text: str | None) -> float | None:
 
 def _show(proposal: Proposal) -> None:
     """The proposal as a table on the error output."""
+    from highside.importing.core.words import possible_references
+
     rows = [("column", "from", "unit", "", "evidence")]
     for guess in proposal.guesses:
         reasons = "; ".join(guess.evidence[:_EVIDENCE_SHOWN])
@@ -190,5 +196,9 @@ def _show(proposal: Proposal) -> None:
         if names:
             shown = ", ".join(names[:12]) + (", ..." if len(names) > 12 else "")
             echo(f"  {what}: {shown}", err=True)
+    unclaimed = possible_references(proposal.kept, [guess.target for guess in proposal.guesses])
+    if unclaimed:
+        options = " ".join(f"--map {ours}={shlex.quote(name)}" for ours, name in unclaimed.items())
+        echo(f"  where the bench was set, and not what the tool computed? then {options}", err=True)
     for doubt in proposal.doubts:
         echo(f"  {'open' if doubt.open else 'look at'}: {doubt.what}; {doubt.remedy}", err=True)

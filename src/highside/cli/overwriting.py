@@ -1,4 +1,9 @@
-"""No command writes over a file that it reads, nor two answers to one place: a recording is made once."""
+"""No command writes over a file that it reads, nor two answers to one place: a recording is made once.
+
+Its own earlier answers a command replaces, so that scripts can be run again. What no command makes with these options
+and nobody can make a second time is not replaced at all: keys, recordings of the wire, journals of sessions, messages
+that wait for the broker.
+"""
 
 from __future__ import annotations
 
@@ -15,6 +20,16 @@ from highside.errors import InputError
 
 WRITTEN = ("--output", "--out", "--html", "--write-model", "--poses")
 """Options that name what is written, wherever their value is a path."""
+
+
+IRREPLACEABLE = {
+    b"-----BEGIN": "a key or a certificate",
+    b"HSWIRE1\n": "a recording of the wire",
+    b"SQLite format 3\0": "a database",
+}
+"""First bytes of a file -> what it is; no output of a command begins like this."""
+JOURNAL = ".journal"
+"""Ends the name of a session's journal, which begins like other JSON."""
 
 
 def refuse_own_inputs(app: typer.Typer) -> None:
@@ -38,12 +53,34 @@ def _guarded(function: Callable[..., Any]) -> Callable[..., Any]:
             for output in _paths(given.get(name)):
                 if output.is_file() and any(path.exists() and output.samefile(path) for path in read):
                     raise _no(output, option, "is a file that this command reads")
+                if kind := _irreplaceable(output):
+                    raise InputError(
+                        f"is there already and is {kind}, which is not replaced",
+                        where=str(output),
+                        field=option,
+                        remedy="name another file, or take this one away",
+                    )
                 if other := others.get(output.resolve()):
                     raise _no(output, option, f"is what {other} names, too")
                 others[output.resolve()] = option
         return function(*args, **given)
 
     return guarded if written else function
+
+
+def _irreplaceable(path: Path) -> str | None:
+    """What the file is if no answer of a command may take its place."""
+    if not path.is_file():
+        return None
+    if path.suffix == JOURNAL:
+        return "the journal of a session"
+    longest = max(map(len, IRREPLACEABLE))
+    try:
+        with path.open("rb") as file:
+            start = file.read(longest)
+    except OSError:
+        return None  # whoever writes will say why it cannot be
+    return next((kind for begin, kind in IRREPLACEABLE.items() if start.startswith(begin)), None)
 
 
 def _no(output: Path, option: str, what: str) -> InputError:

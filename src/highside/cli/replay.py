@@ -24,6 +24,10 @@ TABLE_STARTS = (b"PAR1", b"ARROW1", b"\x89MCAP0")
 """First bytes of Parquet, Arrow and MCAP files."""
 
 
+SAID_AFTER_S = 1.0
+"""A reader that is started beside it has opened the pty by then."""
+
+
 def replay(
     file: Annotated[Path, typer.Argument(help="Raw bytes, highside's segments or candump -L text; plain or .gz.")],
     to: Annotated[str, typer.Option("--to", help='Where to: "pty" or "can:INTERFACE".')],
@@ -46,13 +50,14 @@ def replay(
         if not math.isfinite(value):
             raise InputError(f"{value} is no finite number", where=option, remedy="give a number such as 1.0")
     kind = detect_kind(file)
-    if kind is WireKind.RAW:
-        _refuse_readings(file)
+    doubt = _refuse_readings(file) if kind is WireKind.RAW else None
     wire = _wire(to, link)
     if (kind is WireKind.CANDUMP) != to.startswith("can:"):
         what = "CAN frames" if kind is WireKind.CANDUMP else "bytes"
         remedy = "use --to can:INTERFACE" if kind is WireKind.CANDUMP else "use --to pty"
         raise InputError(f"holds {what}, which do not fit --to {to}", where=str(file), remedy=remedy)
+    if doubt is not None:
+        echo(f"{file}: {doubt}", err=True)
     timeline = events(file, byte_rate)
     wire.plug()
     played = Played()
@@ -75,7 +80,8 @@ def replay(
             echo_json(json.dumps(summary))
         echo(
             f"{file}: {played.records} records ({played.frames} CAN frames, {played.bytes} bytes) in"
-            f" {played.duration_s:.1f} s, {played.unheard} unheard",
+            f" {played.duration_s:.1f} s, {played.unheard} unheard"
+            + ("" if played.began else f"; no program has opened {wire.address}"),
             err=True,
         )
     if played.unheard:
@@ -84,8 +90,9 @@ def replay(
         )
 
 
-def _refuse_readings(file: Path) -> None:
-    """A table of readings would be played as bytes that no codec finds a frame in. Raises InputError for one."""
+def _refuse_readings(file: Path) -> str | None:
+    """A table of readings would be played as bytes that no codec finds a frame in. Raises InputError for one of ours;
+    returns a line on what may be one: a device may send text with a head, too."""
     import contextlib
     import zlib
 
@@ -101,8 +108,22 @@ def _refuse_readings(file: Path) -> None:
         raise InputError(
             "holds readings, not bytes of the wire",
             where=str(file),
-            remedy="give the file that `highside record` wrote; a table is read by `correct`, `diagnose` and `drift`",
+            remedy="give what the service recorded (.hsw), candump text or raw bytes; a table is read by `diagnose` and"
+            " `calibrate apply`",
         )
+    if _looks_like_a_head(start.split(b"\n", 1)[0]):
+        return "begins like a table and is played as the text that it is; `highside import` reads tables of readings"
+    return None
+
+
+def _looks_like_a_head(line: bytes) -> bool:
+    """Whether a line names columns: three cells or more, each a word, none a number."""
+    try:
+        text = line.decode("utf-8-sig").strip()
+    except UnicodeDecodeError:
+        return False
+    cells = max((text.split(mark) for mark in ",;\t"), key=len)
+    return len(cells) > 2 and text.isprintable() and all(cell.strip(' "')[:1].isalpha() for cell in cells)
 
 
 def _wire(to: str, link: Path | None) -> PtyWire | CanWire:
@@ -127,4 +148,13 @@ async def _play(timeline: Iterator[RecordedEvent], wire: PtyWire | CanWire, spee
         asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, task.cancel)
     # who reads it may stop us at once
     echo(wire.address)
-    await play(timeline, wire, speed, played=played)
+    waiting = asyncio.get_running_loop().call_later(SAID_AFTER_S, _say_that_it_waits, wire)
+    try:
+        await play(timeline, wire, speed, played=played)
+    finally:
+        waiting.cancel()
+
+
+def _say_that_it_waits(wire: PtyWire | CanWire) -> None:
+    if not wire.listened_to:
+        echo(f"{wire.address}: waits for a program that opens it; Ctrl-C ends", err=True)

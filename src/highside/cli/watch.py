@@ -62,11 +62,16 @@ def recording(
     whirl_m: Annotated[
         float | None, typer.Option("--whirl-m", help="Sideways motion of the turning collar, m rms.")
     ] = None,
+    of_tool: Annotated[
+        str | None,
+        typer.Option("--tool", metavar="ID", help="Whose recording it is: a record of another tool is refused."),
+    ] = None,
+    serial: Annotated[str | None, typer.Option("--serial", help="The same by serial number.")] = None,
 ) -> None:
     """Say whether a calibration still holds in the hole, without a bench and without a reference.
 
-    The last five options are what the tool may do while its calibration holds; unless given, a good quartz tool's.
-    Exit status 1 where it departs.
+    The options from --repeat-g to --whirl-m are what the tool may do while its calibration holds; unless given, a good
+    quartz tool's. Exit status 1 where it departs.
     """
     from highside.api.watch import watch_recording
 
@@ -79,14 +84,16 @@ def recording(
     }
     with as_options("gravity_g", *tool):
         given = {name: value for name, value in tool.items() if value is not None}
-        made = watch_recording(file, calibration, gravity_g=gravity_g, **given)
-    show_watched(made, out)
+        made = watch_recording(file, calibration, gravity_g=gravity_g, tool=of_tool, serial=serial, **given)
+    whose = f"under the record of tool {made.tool}; --tool says whose recording it is"
+    show_watched(made, out, *((whose,) if of_tool is None and serial is None else ()))
 
 
-def show_watched(made: WatchedRecording | AnalysedSurveys, out: Path) -> None:
-    """Write the report and print what was found. Exit status 1 where the calibration departs."""
+def show_watched(made: WatchedRecording | AnalysedSurveys, out: Path, *notes: str) -> None:
+    """Write the report and print what was found, with further `notes`. Exit status 1 where the calibration departs."""
     from highside.report.plots import can_plot
     from highside.report.watch_page import NO_FIGURES, claim_words, headline
+    from highside.watch.words import noise_words
 
     made.save(out)
     found = made.found
@@ -95,9 +102,11 @@ def show_watched(made: WatchedRecording | AnalysedSurveys, out: Path) -> None:
         echo(claim_words(claim))
     for line in found.advice:
         echo(f"advice: {line}")
+    for change in found.noise_changes:
+        echo(noise_words(change))
     if found.noise_grown:
         echo(f"noise grown: {found.noise_ratio:.2f} times what is stated")
-    for note in made.notes:
+    for note in (*made.notes, *notes):
         echo(f"note: {note}", err=True)
     if not can_plot():
         echo(f"{out / 'report.html'}: {NO_FIGURES}", err=True)

@@ -303,6 +303,8 @@ PATHS = (
     ("store", "signing_key"),
     ("store", "trusted_keys"),
     ("web", "token_file"),
+    ("web", "users"),
+    ("web", "acts"),
     ("web", "certificate"),
     ("web", "tls", "certificate"),
     ("web", "tls", "key"),
@@ -314,13 +316,20 @@ PATHS = (
 )
 
 
-def load_bench(path: Path, overrides: list[str] | None = None) -> BenchFile:
-    """Read and validate a session's file; `overrides` are `key.path=value`. Raises InputError in one line.
+def load_bench(path: Path, overrides: list[str] | None = None, *, plan_of: Path | None = None) -> BenchFile:
+    """Read and validate a session's file; `overrides` are `key.path=value`, `plan_of` another such file whose plan is
+    taken. Raises InputError in one line.
 
     Relative paths in the file start at its directory, those of overrides at the working directory.
     """
     tables, base = read_toml(path), path.resolve().parent
     anchor_paths(tables, base, PATHS)
+    if plan_of is not None:
+        others = read_toml(plan_of)
+        anchor_paths(others, plan_of.resolve().parent, PATHS)
+        if "plan" not in others:
+            raise InputError("is missing", where=str(plan_of), field="plan", remedy="name a file with a plan")
+        tables["plan"] = others["plan"]
     given = parse_overrides(overrides or [])
     try:
         return BenchFile.model_validate(merged(tables, given))

@@ -8,13 +8,15 @@ from __future__ import annotations
 
 from datetime import date
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, ValidationError, model_validator
 
 from highside.config.mistakes import input_error
+from highside.errors import InputError
 from highside.reading import read_toml
 from highside.reading.config_table import ConfigTable
+from highside.words import LANGUAGES, said_later
 
 Line = Annotated[str, Field(min_length=1, max_length=200)]
 Note = Annotated[str, Field(min_length=1, max_length=2000)]
@@ -27,7 +29,24 @@ class IssueTable(ConfigTable):
     number: Line | None = Field(default=None, description="Number of the certificate; absent: made from the record.")
     laboratory: Line | None = None
     address: Line | None = None
+    country: str | None = Field(
+        default=None,
+        pattern=r"^[A-Z]{2}$",
+        description="Of the laboratory (ISO 3166-1); for a digital certificate.",
+    )
+    language: Literal["en", "de", "nb", "es"] | None = Field(
+        default=None, description="Of the printed certificate; absent: that of the reader of the page, else English."
+    )
+    logo: Path | None = Field(default=None, description="The laboratory's logo: PNG or JPEG, 1 MB at most.")
+    verify_url: str | None = Field(
+        default=None,
+        pattern=r"^https?://[!-~]{1,180}$",
+        description="Where certificates are verified: in the QR code, with the record's id behind it.",
+    )
     customer: Line | None = None
+    performed_at: Literal["laboratory", "customer", "laboratoryBranch", "customerBranch", "other"] = Field(
+        default="laboratory", description="In the words of the digital certificate."
+    )
     place: Line | None = Field(default=None, description="Where the calibration was made.")
     signatory: Line | None = Field(default=None, description="Who authorises the certificate.")
     role: Line | None = None
@@ -36,7 +55,7 @@ class IssueTable(ConfigTable):
 class ItemTable(ConfigTable):
     """The item, beyond tool and serial number."""
 
-    description: Line = "Directional sensor, triaxial accelerometer"
+    description: Line = said_later("Directional sensor, triaxial accelerometer")
     maker: Line | None = None
     model: Line | None = None
     condition: Note | None = Field(default=None, description="Condition on receipt.")
@@ -126,9 +145,23 @@ class CertificateFields(ConfigTable):
         return self
 
 
+def in_language_of(fields: CertificateFields, language: str) -> CertificateFields:
+    """The same fields for a certificate in that language. Raises InputError for one that there is not."""
+    if language not in LANGUAGES:
+        raise InputError(
+            f"{language!r} is no language of a certificate", field="language", remedy=f"one of {', '.join(LANGUAGES)}"
+        )
+    issue = fields.issue.model_copy(update={"language": language})
+    return fields.model_copy(update={"issue": issue})
+
+
 def load_certificate_fields(path: Path) -> CertificateFields:
     """Read and validate. Raises InputError in one line that names file and field."""
     tables: dict[str, Any] = read_toml(path)
+    issue = tables.get("issue")
+    if isinstance(issue, dict) and isinstance(issue.get("logo"), str):
+        # a relative name starts at the file's directory
+        issue["logo"] = str(path.resolve().parent / issue["logo"])
     try:
         return CertificateFields.model_validate(tables)
     except ValidationError as error:

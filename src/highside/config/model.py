@@ -156,11 +156,15 @@ class Model(ConfigTable):
         kept = tuple(table for table in self.laws if table["slug"] not in added)
         return self.model_copy(update={"laws": (*kept, *(law.to_dict() for law in laws))})
 
-    def with_effects(self, effects: Mapping[str, Mapping[str, float]]) -> Model:
+    def with_effects(self, effects: Mapping[str, Mapping[str, float]], *, as_found: bool = False) -> Model:
         """With these effects (parameters in the library's units) in place of those of the same ids.
 
-        Effects that `[sensor]` stands for move to `[effects]`. Raises InputError for an implausible parameter.
+        Effects that `[sensor]` stands for move to `[effects]`. `as_found`: a diagnosis stands behind them, and one
+        beyond its plausible range by less than its error is accepted. Raises InputError for an implausible parameter.
         """
+        beyond = as_found and any(
+            (effect := known_effect(name)).outside_gate(effect.vector(values)) for name, values in effects.items()
+        )
         kept = {**self.sensor.effects(), **self.effects.values(), **effects}
         sensor = self.sensor.model_copy(update={"bias_g": None, "scale": None, "misalignment_deg": None})
         tables = {
@@ -168,7 +172,7 @@ class Model(ConfigTable):
             "sensor": sensor.model_dump(mode="json", exclude_none=True),
             "effects": {
                 "included": list(kept),
-                "implausible": self.effects.implausible,
+                "implausible": self.effects.implausible or beyond,
                 **{effect_id: dict(values) for effect_id, values in kept.items() if values},
             },
         }

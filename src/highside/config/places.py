@@ -29,6 +29,16 @@ def service_state(tool_id: str) -> Path:
     return user_state_path(NAME, appauthor=False) / tool_id
 
 
+def acts() -> Path:
+    """The journal of what signed-in people did at the pages."""
+    return user_state_path(NAME, appauthor=False) / "acts.jsonl"
+
+
+def bench_pages() -> Path:
+    """What is known of bench sessions that were begun at a page."""
+    return user_state_path(NAME, appauthor=False) / "bench-pages"
+
+
 def left_behind(earlier: Path, now: Path, field: str) -> str | None:
     """A word about what an earlier version, whose default was the directory `earlier`, has kept there; None if nothing
     or if it is the one in use."""

@@ -7,10 +7,12 @@ import secrets
 import ssl
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Self
 
-from pydantic import Field, SecretStr
+from pydantic import Field, SecretStr, field_validator, model_validator
 
+from highside.config.places import acts
+from highside.config.users import read_users
 from highside.errors import InputError
 from highside.reading import CERTIFICATES_MAX, SECRET_MAX, read_named
 from highside.reading.config_table import ConfigTable
@@ -71,8 +73,29 @@ class WebTls(ConfigTable):
         return made
 
 
+class WebProxy(ConfigTable):
+    """The table `[web.proxy]`: a proxy that has signed people in (OpenID Connect) and names them in a header. Only what
+    comes from its address is believed."""
+
+    address: str = Field(description="Address that the proxy connects from.")
+    header: str = Field(
+        default="X-Auth-Request-User",
+        pattern=r"^[A-Za-z][A-Za-z0-9-]{1,63}$",
+        description="Header with the name of the user; the proxy must set it anew in every request.",
+    )
+    origin: str = Field(
+        pattern=r"^https?://[a-z0-9.-]{1,253}(:[0-9]{1,5})?$", description="Where browsers reach the proxy."
+    )
+
+    @field_validator("address")
+    @classmethod
+    def _an_address(cls, given: str) -> str:
+        return str(ipaddress.ip_address(given))
+
+
 class WebTable(ConfigTable):
-    """The bench page. Without a token anybody who reaches it may look; commands need the token."""
+    """A page. Without users anybody who reaches it may look, and commands need the token; with users everybody has to
+    sign in, and there is no token."""
 
     host: str = Field(default="127.0.0.1", min_length=1, description="Address to listen on; 0.0.0.0: all.")
     port: int = Field(default=8765, ge=0, le=65_535, description="0: any that is free.")
@@ -84,9 +107,22 @@ class WebTable(ConfigTable):
         description="Names and addresses under which the page may be requested, beside this machine's own.",
     )
     tls: WebTls | None = None
+    users: Path | None = Field(
+        default=None, description="File of users (`highside users`); absent: nobody signs in, commands need the token."
+    )
+    acts: Path | None = Field(
+        default=None, description="Journal of what was done, with `users`; absent: in the user's state directory."
+    )
+    proxy: WebProxy | None = None
     viewers: int = Field(default=50, ge=1, le=500, description="Who may look on at once, beside those with the token.")
     certificate: Path | None = Field(
-        default=None, description="What the page's certificate says beyond the record; see config/certificate.toml."
+        default=None, description="What certificates say beyond the record; see config/certificate.toml."
+    )
+    home_port: int | None = Field(
+        default=None,
+        ge=1,
+        le=65_535,
+        description="Port of the page that begins sessions, to which this one leads back.",
     )
     rate_hz: float = Field(default=5.0, gt=0, le=20, description="Pictures a second for each viewer, at most.")
 
@@ -110,10 +146,28 @@ class WebTable(ConfigTable):
             " listen on that network can command; give a certificate and its key, or bind to 127.0.0.1 and tunnel"
         )
 
+    @property
+    def acts_file(self) -> Path:
+        """Where acts are written."""
+        return acts() if self.acts is None else self.acts
+
+    @property
+    def is_https(self) -> bool:
+        """Whether browsers come by https alone."""
+        return self.tls is not None or (self.proxy is not None and self.proxy.origin.startswith("https://"))
+
+    @model_validator(mode="after")
+    def _users_for_the_proxy(self) -> Self:
+        if self.proxy is not None and self.users is None:
+            raise ValueError("[web.proxy] needs users: the file says what each person may do")
+        return self
+
     def check(self) -> None:
         """Everything that can be judged before the page is served. Raises InputError."""
         self.read_token()
         self.tls_context()
+        if self.users is not None:
+            read_users(self.users)
 
     def tls_context(self) -> ssl.SSLContext | None:
         """For the server. Raises InputError for files that cannot be used."""

@@ -16,14 +16,19 @@ from highside.arrays import Array
 from highside.diagnosis.core.fit import base_fit
 from highside.diagnosis.core.problem import ReportData
 from highside.diagnosis.core.result import Claim, DiagnosisResult, Fit, Location, Remainder, Verdict
+from highside.diagnosis.core.unexplained import hinted
+from highside.diagnosis.identified_noise import with_identified_noise
 from highside.diagnosis.law_sessions import LawSession, linear
 from highside.diagnosis.laws.claims import ReportedLaw, cases_of_laws, heldout_of, named_claim, reported_laws
 from highside.diagnosis.laws.effects import EffectGroup
+from highside.diagnosis.laws.free_rivals import as_rivals, with_free_rivals
 from highside.diagnosis.laws.groups import groups_of
 from highside.diagnosis.laws.policy import LAW_VERDICT
 from highside.diagnosis.laws.search import Found, Search
+from highside.diagnosis.name_groups import name_groups, resembled
 from highside.physics import effects as library
-from highside.physics.effect import Effect
+from highside.physics.covariates import FILTERED
+from highside.physics.effects import title_of
 from highside.physics.forward import ForwardModel
 from highside.physics.law import PREFIX, Law
 
@@ -41,7 +46,7 @@ COLUMNS = {
 """columns of a recording that covariates of laws are"""
 OFFSETS = frozenset({"offset", "gyro_offset"})
 """places in which a random walk of the zero offset acts"""
-SLOW = frozenset({"time", "temp", "temp_rate", "temp_filtered_300", "temp_filtered_1200"})
+SLOW = frozenset({"time", "temp", "temp_rate", *FILTERED})
 """covariates that run as slowly as such a random walk"""
 
 
@@ -52,6 +57,8 @@ class _Outcome:
     names: tuple[Claim, ...]
     laws: tuple[ReportedLaw, ...]
     found: Found
+    implausible: bool = False
+    """the names explain it, at sizes that no instrument has"""
 
 
 def with_laws(
@@ -68,42 +75,50 @@ def with_laws(
         # no law of what is left could have the least share
         return diagnosis, report
     chain = tuple(c for c in diagnosis.claims if not library.registry()[c.effect].random)
+    known = {c.effect for c in chain}
     changing = diagnosis.remainder.changing
     near = [name for name in diagnosis.remainder.resembles if name not in changing]
-    outcome = _chosen(session, model, chain, near)
-    if outcome is None:
-        return diagnosis, report
+    outcome = _chosen(session, model, chain, near, frozenset(changing))
     random_walk = diagnosis.verdict == "wander"
-    outcome = replace(outcome, laws=tuple(one for one in outcome.laws if _believed(one, outcome, random_walk)))
-    if not outcome.laws:
-        return diagnosis, report
+    outcome = replace(
+        outcome,
+        names=tuple(c for c in outcome.names if c.effect in known or not random_walk or _beats_random_walk(c)),
+        laws=tuple(one for one in outcome.laws if _believed(one, outcome, random_walk)),
+    )
+    if outcome.implausible and outcome.names:
+        return _refused(diagnosis, outcome), report
+    if not outcome.laws and all(c.effect in known for c in outcome.names):
+        told = {c.effect: c for c in outcome.names}
+        diagnosis = replace(diagnosis, claims=tuple(told.get(c.effect, c) for c in diagnosis.claims))
+        return with_identified_noise(diagnosis, outcome.found), report
     # rounding is a function of the reading too: what is below half its step is no law
     large = [np.any(np.abs(one.effect) > session.lattice[:, None] / 2) for one in outcome.laws]
     if not all(large):
         return diagnosis, report
     others = tuple(c for c in diagnosis.claims if c not in chain)
     laws = tuple(
-        replace(one.claim, resembles=_resembled(session, model, outcome.found, one.effect)) for one in outcome.laws
+        replace(one.claim, resembles=resembled(session, model, outcome.found, one.effect)) for one in outcome.laws
     )
     claims = (*others, *outcome.names, *laws)
-    verdict: Verdict = "named_plus" if outcome.names or others else "law"
+    verdict: Verdict = "law" if laws else "named"
+    if laws and (outcome.names or others):
+        verdict = "named_plus"
     final = _final(session, model, outcome)
     after = np.asarray(session.observed.residual(final))
     places = tuple(location_of(c) for c in laws)
-    kept = tuple(place for place in diagnosis.location if outcome.names and diagnosis.claims)
+    kept = diagnosis.location if outcome.names and (diagnosis.claims or not laws) else ()
     made = replace(
         diagnosis,
         verdict=verdict,
         location=(*kept, *places),
         claims=claims,
         fit=_fit(session, outcome.found, report, after, diagnosis.fit),
-        remainder=beside_laws(diagnosis.remainder),
+        remainder=beside_laws(diagnosis.remainder, [c.effect for c in claims]),
         noise={**diagnosis.noise, "beside_laws": outcome.found.noise.summary()},
     )
     parts = {name: part for name, part in report.parts.items() if any(c.effect == name for c in outcome.names)}
-    for one in outcome.laws:
-        lacking = final.without(one.law.id)
-        parts[one.law.id] = np.asarray(session.observed.residual(lacking) - after)
+    for part in [*(c.effect for c in outcome.names if c.effect not in known), *(one.law.id for one in outcome.laws)]:
+        parts[part] = np.asarray(session.observed.residual(final.without(part)) - after)
     return made, replace(report, after=after, parts=parts)
 
 
@@ -118,11 +133,11 @@ def names_before_laws(
     return (made, data) if {c.effect for c in diagnosis.claims} <= names else None
 
 
-def beside_laws(remainder: Remainder) -> Remainder:
+def beside_laws(remainder: Remainder, claimed: Sequence[str] = ()) -> Remainder:
     """What is told where laws are claimed: what they resemble, and which names have no constant size."""
     return Remainder(
         hints=remainder.hints[: len(remainder.changing)],
-        resembles=tuple(name for name in remainder.resembles if name in library.registry()),
+        resembles=tuple(n for n in remainder.resembles if n in library.registry() and n not in claimed),
         changing=remainder.changing,
     )
 
@@ -153,22 +168,37 @@ def _believed(one: ReportedLaw, outcome: _Outcome, random_walk: bool) -> bool:
     return not (random_walk and slow) or claim.p_familywise <= np.exp(-LAW_VERDICT.beside_random_walk)
 
 
+def _refused(diagnosis: DiagnosisResult, outcome: _Outcome) -> DiagnosisResult:
+    """What names explain at sizes that no instrument has, with these names."""
+    names = tuple(claim.effect for claim in outcome.names)
+    others = tuple(name for name in diagnosis.remainder.resembles if name not in names)
+    remainder = replace(diagnosis.remainder, resembles=(*names, *others))
+    words = f"only {' and '.join(map(title_of, names))} would explain it, of a size that no instrument has"
+    return hinted(replace(diagnosis, verdict="implausible_fit", remainder=remainder), words)
+
+
+def _beats_random_walk(name: Claim) -> bool:
+    """Whether a name that was found among laws is no random walk of a zero offset, where one was found."""
+    return not library.get(name.effect).slow or name.p_familywise <= np.exp(-LAW_VERDICT.beside_random_walk)
+
+
 # --- the choice ----------------------------------------------------------------------------------------------
 
 
-def _chosen(session: LawSession, model: ForwardModel, claims: Sequence[Claim], near: Sequence[str]) -> _Outcome | None:
-    """The names that stay and the laws; None where there is no law."""
+def _chosen(
+    session: LawSession, model: ForwardModel, claims: Sequence[Claim], near: Sequence[str], refused: frozenset[str]
+) -> _Outcome:
+    """The names that stay, with the laws that fit as well, and the laws beside them; none of those `refused`."""
     if not claims:
-        return _alone(session, model, near)
-    values = {c.effect: _values(session, model, c) for c in claims}
+        return _alone(session, model, near, refused)
+    values = {c.effect: values_of_claim(session, model, c) for c in claims}
     named = model.with_effects(values)
     # a name has a right to all that a fit may move of it, its time constants too
     names = [f"{c.effect}.{p.name}" for c in claims for p in named.effect(c.effect).parameters if p.fitted]
     alone = session.problem(named, session.residual(named), names)
     around = [_around(session, named, c.effect, values[c.effect]) for c in claims]
-    beside = Search(replace(alone, free=np.concatenate([alone.free, *around]))).run()
-    if not beside.terms and len(claims) == 1 and beside.next_gain < LAW_VERDICT.beside:
-        return None
+    first = Search(replace(alone, free=np.concatenate([alone.free, *around])))
+    beside = first.run()
     # against the names: their own columns among the groups, all to first order about the base
     columns = {c.effect: session.effect_columns(model, c.effect, values[c.effect]) for c in claims}
     moved = np.zeros_like(session.floor)
@@ -177,10 +207,16 @@ def _chosen(session: LawSession, model: ForwardModel, claims: Sequence[Claim], n
         moved += np.tensordot(sizes - _sizes_in(session, model, effect), table, 1)
     problem = session.problem(model, session.residual(named) + moved)
     own = [EffectGroup.of(name, table, session.floor) for name, (table, _) in columns.items()]
+    if not beside.terms and len(claims) == 1 and beside.next_gain < LAW_VERDICT.beside:
+        told = with_free_rivals(claims, as_rivals(problem, beside, [*first.groups, *own], own))
+        return _Outcome(told, (), beside)
     search = Search(problem, [*groups_of(problem), *own])
     kept = search.beside(own, beside.terms)
     # a search that begins with a name may not find its way to the one law that stands for it and the rest
-    tried = [kept, search.run(), search.without_effects().run()]
+    whole = search.run()
+    # a search among all that ends without a name is one among laws alone
+    mixed = any(t.group.effect for t in whole.terms)
+    tried = [kept, whole, *([search.without_effects().run()] if mixed else [])]
 
     def worth(found: Found) -> float:
         whole = {t.group.effect for t in found.terms if t.group.effect} == {c.effect for c in claims}
@@ -194,57 +230,90 @@ def _chosen(session: LawSession, model: ForwardModel, claims: Sequence[Claim], n
         chosen = search.beside([t.group for t in laws_alone if t.group.effect], laws_alone)
     staying = {t.group.effect for t in chosen.terms if t.group.effect}
     laws = tuple(reported_laws(chosen))
-    return _Outcome(tuple(c for c in claims if c.effect in staying), laws, chosen)
+    return _Outcome(with_free_rivals([c for c in claims if c.effect in staying], chosen), laws, chosen)
 
 
-def _alone(session: LawSession, model: ForwardModel, near: Sequence[str]) -> _Outcome | None:
-    """Laws where nothing has a name; strong ones again with what they do beyond first order taken out.
+def _alone(
+    session: LawSession, model: ForwardModel, near: Sequence[str], refused: frozenset[str] = frozenset()
+) -> _Outcome:
+    """Laws, or names, where nothing has a name yet; strong ones again with what they do beyond first order taken out.
 
-    Names that came `near` and were not believed are among the groups: beside a law they may be right.
+    Names that came `near` and were not believed are among the groups, and then those that the laws resemble: in noise
+    whose colour is learnt beside them they may be right, alone or beside a law. Those `refused` are not.
     """
     residual = session.residual(model)
-
-    def searched(left: Array) -> Found:
-        posed = session.problem(model, left)
-        own = [g for name in near for g in _plain_groups(session, model, name)]
-        return Search(posed, [*groups_of(posed), *own]).run()
-
-    found = searched(residual)
+    posed = session.problem(model, residual)
+    offered = [name for name in near if name not in refused]
+    search = Search(posed, [*groups_of(posed), *(g for name in offered for g in name_groups(session, model, name))])
+    found = search.run()
     for _ in range(LAW_VERDICT.turns):
         if not found.terms:
-            return None
-        laws = [one.law for one in reported_laws(found)]
-        beyond = residual - session.residual(model.with_laws(laws)) - linear(session, model, laws)
+            return _Outcome((), (), found)
+        alike = [name for name in _alike(session, model, found) if name not in offered and name not in refused]
+        if alike:
+            offered += alike
+            search = search.beside_names([g for name in alike for g in name_groups(session, model, name)])
+            found = search.run()
+        beyond = _beyond(session, model, found, residual)
         if float(np.sum((beyond / session.floor / found.noise.factor[:, None]) ** 2)) < LAW_VERDICT.second_order:
             break
-        found = searched(residual - beyond)
+        search = search.of_residual(residual - beyond)
+        found = search.run()
     if not found.terms:
-        return None
+        return _Outcome((), (), found)
+    names = _names_of(found, model)
+    outside = frozenset(claim.effect for claim in names if _implausible(claim))
+    unfit = {claim.effect for claim in names if not claim.stable} | cases_of_laws(found)
+    if outside and len(names) == len(found.terms) and not unfit:
+        # names explain it all, at a size that no instrument has: that is said, and nothing else takes their place
+        return _Outcome(names, (), found, implausible=True)
+    if unfit | outside:
+        # beside laws too a size that is no constant, or none that an instrument has, gets no name; nor do others for it
+        kept = [claim.effect for claim in names if claim.effect not in unfit | outside]
+        return _alone(session, model, kept, frozenset(library.all_effects()) - set(kept))
+    return _Outcome(with_free_rivals(names, found), tuple(reported_laws(found)), found)
+
+
+def _names_of(found: Found, model: ForwardModel) -> tuple[Claim, ...]:
+    """The library's effects among the terms of a search, as they are claimed."""
     known = model.parameters()
-    names = tuple(
+    return tuple(
         named_claim(found, k, library.get(t.group.effect), known.get(t.group.effect, {}))
         for k, t in enumerate(found.terms)
         if t.group.effect
     )
-    changing = {claim.effect for claim in names if not claim.stable}
-    if changing:
-        # beside laws too a size that is no constant has no name
-        return _alone(session, model, [name for name in near if name not in changing])
-    return _Outcome(names, tuple(reported_laws(found)), found)
+
+
+def _alike(session: LawSession, model: ForwardModel, found: Found) -> list[str]:
+    """Names that do nearly what one of the laws does, or what all of them do together."""
+    effects = [one.effect for one in reported_laws(found)]
+    if len(effects) > 1:
+        effects.append(np.sum(effects, axis=0))
+    return list(dict.fromkeys(name for effect in effects for name in resembled(session, model, found, effect)))
+
+
+def _beyond(session: LawSession, model: ForwardModel, found: Found, residual: Array) -> Array:
+    """(C, m) what names and laws do beyond first order, at the sizes that a search gave them."""
+    laws = [one.law for one in reported_laws(found)]
+    named = {claim.effect: values_of_claim(session, model, claim) for claim in _names_of(found, model)}
+    first = linear(session, model, laws)
+    for name, values in named.items():
+        table, sizes = session.effect_columns(model, name, values)
+        first = first + np.tensordot(sizes - _sizes_in(session, model, name), table, 1)
+    changed = (model.with_effects(named) if named else model).with_laws(laws)
+    return np.asarray(residual - session.residual(changed) - first)
+
+
+def _implausible(claim: Claim) -> bool:
+    """Whether a size is beyond what instruments have."""
+    effect = library.get(claim.effect)
+    vector = [claim.parameters[p.name].value if p.name in claim.parameters else p.default for p in effect.parameters]
+    return bool(effect.outside_gate(np.array(vector)))
 
 
 def _sizes_in(session: LawSession, model: ForwardModel, effect: str) -> Array:
     """(k,) the amplitudes of an effect in the model; zero where it lacks the effect."""
     return session.effect_columns(model, effect, model.parameters().get(effect, {}))[1]
-
-
-def _plain_groups(session: LawSession, model: ForwardModel, name: str) -> list[EffectGroup]:
-    """An effect of the library as a group, if nothing but its sizes is to be found."""
-    effect = library.all_effects().get(name)
-    if effect is None or effect.random or effect.shapes or name in session.free:
-        return []
-    columns = session.effect_columns(model, name, {})[0]
-    return [EffectGroup.of(name, columns, session.floor)] if np.any(columns) else []
 
 
 def _around(session: LawSession, model: ForwardModel, effect: str, values: dict[str, float]) -> Array:
@@ -258,7 +327,7 @@ def _around(session: LawSession, model: ForwardModel, effect: str, values: dict[
     return np.concatenate(parts)
 
 
-def _values(session: LawSession, model: ForwardModel, claim: Claim) -> dict[str, float]:
+def values_of_claim(session: LawSession, model: ForwardModel, claim: Claim) -> dict[str, float]:
     """The values of a claim's parameters where time is counted from the session's first value."""
     effect = model.effect(claim.effect)
     known = model.parameters().get(claim.effect, {})
@@ -277,7 +346,7 @@ def _values(session: LawSession, model: ForwardModel, claim: Claim) -> dict[str,
 
 def _final(session: LawSession, model: ForwardModel, outcome: _Outcome) -> ForwardModel:
     """Base, names and laws, the base fitted once more."""
-    named = {c.effect: _values(session, model, c) for c in outcome.names}
+    named = {c.effect: values_of_claim(session, model, c) for c in outcome.names}
     final = (model.with_effects(named) if named else model).with_laws([one.law for one in outcome.laws])
     return base_fit(final, session.observed, session.free)[0]
 
@@ -297,63 +366,6 @@ def _fit(session: LawSession, found: Found, report: ReportData, after: Array, be
         how_held_out=held.words,
         row_noise=None if before is None else before.row_noise,
     )
-
-
-def _resembled(session: LawSession, model: ForwardModel, found: Found, effect: Array) -> tuple[str, ...]:
-    """Names of the library's effects that do nearly the same here, the nearest first."""
-    problem = found.problem
-    scale = session.floor * found.noise.factor[:, None]
-
-    def white(columns: Array) -> Array:
-        return (columns / scale).reshape(len(columns), -1)
-
-    free = _span(white(problem.free))
-    target = white(effect[None])[0]
-    target = target - free.T @ (free @ target)
-    size = float(target @ target)
-    known = {*model.ids, *session.free}
-    scores: dict[str, float] = {}
-    wanted: list[tuple[Effect, Array]] = []
-    for one in library.all_effects().values():
-        if not one.random and one.id not in known:
-            wanted += [(one, p) for p in _shapes(one)]
-    made = session.derivatives(model, wanted)
-    for (one, _), derivative in zip(wanted, made, strict=True):
-        columns = white(np.asarray(derivative, dtype=float)[list(one.amplitudes)])
-        if not np.isfinite(columns).all():
-            continue
-        columns = columns - (columns @ free.T) @ free
-        basis = _span(columns)
-        share = float(np.sum((basis @ target) ** 2)) / max(size, 1e-300)
-        scores[one.id] = max(scores.get(one.id, 0.0), share)
-    near = sorted((name for name in scores if scores[name] > LAW_VERDICT.resembles), key=lambda n: -scores[n])
-    return tuple(near[: LAW_VERDICT.names])
-
-
-def _shapes(effect: Effect) -> list[Array]:
-    """Parameter vectors at which an effect's columns are looked at: a shape at each value of its grid."""
-    vectors = [effect.vector()]
-    for k, parameter in enumerate(effect.parameters):
-        if parameter.shape:
-            values = parameter.grid or (parameter.typical,)
-            vectors = [_put(v, k, float(value)) for v in vectors for value in values]
-    return vectors[: LAW_VERDICT.most_shapes]
-
-
-def _put(vector: Array, k: int, value: float) -> Array:
-    result = vector.copy()
-    result[k] = value
-    return result
-
-
-def _span(rows: Array) -> Array:
-    """Orthonormal rows that span these."""
-    size = np.linalg.norm(rows, axis=1)
-    rows = rows[size > 1e-9 * max(float(size.max(initial=0.0)), 1e-300)]
-    if not len(rows):
-        return rows
-    _, values, basis = np.linalg.svd(rows / np.linalg.norm(rows, axis=1, keepdims=True), full_matrices=False)
-    return np.asarray(basis[values > 1e-9 * values[0]])
 
 
 def laws_of(diagnosis: DiagnosisResult) -> tuple[Law, ...]:

@@ -10,16 +10,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from math import comb
 
 import numpy as np
 
 from highside.diagnosis.beside_laws import names_before_laws, with_laws
+from highside.diagnosis.beside_noise import beside_noise
+from highside.diagnosis.closed_rivals import with_closed_rivals
 from highside.diagnosis.core.candidate_set import Term
 from highside.diagnosis.core.candidates import INCLINATION_STATION
 from highside.diagnosis.core.conclusion import conclude, is_significant
 from highside.diagnosis.core.fit import base_fit
 from highside.diagnosis.core.memory import Channel, beats_random_walk, slow_scores
 from highside.diagnosis.core.method import WHOLE, ProcedureParts
+from highside.diagnosis.core.observed import energy
 from highside.diagnosis.core.policy import FITS, PROCEDURE, RIVALS
 from highside.diagnosis.core.problem import N, Problem, ReportData, SelectionState
 from highside.diagnosis.core.result import DiagnosisResult
@@ -32,19 +36,24 @@ from highside.diagnosis.core.serial_correlation import (
     serial_correlation_of,
     slow_ranking,
 )
+from highside.diagnosis.core.unexplained import hinted
 from highside.diagnosis.law_channels import with_channel_laws
 from highside.diagnosis.law_sessions import ChainSession, MagnitudeLaws
 from highside.diagnosis.magnitude.problem import MagnitudeProblem
 from highside.diagnosis.magnitude.session import MagnitudeSession
 from highside.diagnosis.poses.problem import PoseProblem
 from highside.diagnosis.poses.session import PoseSession
+from highside.diagnosis.rotation.lines import searched
 from highside.diagnosis.rotation.pilot import PilotFit, may_be_nonlinear
 from highside.diagnosis.rotation.policy import PILOT
 from highside.diagnosis.rotation.problem import RotationProblem
 from highside.diagnosis.rows.colour import with_long_memory
+from highside.diagnosis.rows.noise import windows
+from highside.diagnosis.rows.policy import GRAMS, ROW_SESSIONS
 from highside.diagnosis.rows.session import RotationSession
 from highside.diagnosis.simulation.band import humps, with_humps
 from highside.diagnosis.simulation.independence import hidden_motions, no_noise, with_hidden_motions, with_no_noise
+from highside.diagnosis.simulation.measured_clock import with_measured_clock
 from highside.diagnosis.simulation.problem import SimulationProblem
 from highside.diagnosis.simulation.session import SimulationSession
 from highside.physics.forward import ForwardModel
@@ -87,6 +96,30 @@ def diagnose_rotation(
 ) -> tuple[DiagnosisResult, ReportData]:
     """As `diagnose_poses`, for the n rows of a continuous rotation.
 
+    What is found in a short one must also stand where levels of the noise are followed in finer blocks.
+    """
+    answer = _diagnosed_rotation(session, model, free, seed=seed, version=version, method=method)
+    short = not session.long and session.n <= GRAMS.block_rows * GRAMS.max_blocks
+    if not short or not method.colour or answer[0].verdict not in ("unknown", "partial", "named", "named_plus", "law"):
+        return answer
+    names = replace(method, laws=False)
+    finer = _diagnosed_rotation(
+        replace(session, finer_blocks=True), model, free, seed=seed, version=version, method=names
+    )
+    return finer if finer[0].verdict == "nothing_left_out" else answer
+
+
+def _diagnosed_rotation(
+    session: RotationSession,
+    model: ForwardModel,
+    free: Sequence[str],
+    *,
+    seed: int,
+    version: str,
+    method: ProcedureParts,
+) -> tuple[DiagnosisResult, ReportData]:
+    """A rotation under one choice of blocks.
+
     Of a long one some rows are diagnosed first: strong effects show there, and what they do beyond first order is known
     before all rows are passed through.
     """
@@ -99,13 +132,45 @@ def diagnose_rotation(
     chosen = _relinearised_selection(problem, pilot.names if pilot else ())
     answer = conclude(*chosen, version)
     if method.laws:
-        cells = ChainSession.of_rotation(session, free, problem.residual)
+        cells = _for_laws(session, free, problem)
         many = None
         if answer[0].verdict == "partial" and len(chosen[1].terms) > problem.policy.most_named:
             # harmonics of the toolface are matched by several names together: unless laws compete with them and lose
             many = names_before_laws(cells, problem.model, *conclude(*chosen, version, many=True))
         answer = many or with_laws(cells, problem.model, *answer)
-    return with_long_memory(answer[0], session), answer[1]
+    found, report = with_long_memory(answer[0], session), answer[1]
+    if not session.long:
+        return beside_noise(found, report, session), report
+    own, stretch = session.sample_stretch
+    found = beside_noise(found, replace(report, after=report.after[:, own]), stretch)
+    if found.verdict == "wander":
+        words = (
+            "in so many rows an error of the colour of the noise may pass for a random walk: diagnose parts of about a "
+            "million rows each, and compare"
+        )
+        found = hinted(found, words)
+    return hinted(found, by_samples(session, laws=method.laws)), report
+
+
+def _for_laws(session: RotationSession, free: Sequence[str], problem: RotationProblem) -> ChainSession:
+    """The rows in which laws are sought: all, or those that stand for them."""
+    if session.long:
+        return ChainSession.of_rotation(session.sample, free, problem.residual[:, session.sample_rows])
+    return ChainSession.of_rotation(session, free, problem.residual)
+
+
+def by_samples(session: RotationSession, *, laws: bool) -> str:
+    """What was not done with all rows of a recording that is not in the memory, in words."""
+    part, count = searched(session), session.sample_rows.size
+    learned = sum(window.stop - window.start for window in windows(session.n))
+    words = (
+        f"all {session.n} rows were used for fits, tests and the choice of effects; the colour of the noise was "
+        f"learned from {learned} of them, single lines were looked for in {part.stop - part.start}, and what is left "
+        f"was held beside the noise of sensors in {count // ROW_SESSIONS.sample_stretches}"
+    )
+    if not laws:
+        return f"{words}; laws were not looked for"
+    return f"{words}; laws were sought in {count}, which lie in {ROW_SESSIONS.sample_stretches} stretches"
 
 
 def diagnose_magnitudes(
@@ -114,10 +179,12 @@ def diagnose_magnitudes(
     """As `diagnose_poses`, for n still readings of which only the magnitude is known."""
     problem = MagnitudeProblem.of(session, model, tuple(free), seed)
     answer = diagnose(problem, version)
-    if answer[0].verdict == "not_testable":
+    if answer[0].verdict == "not_testable" or session.few:
         return answer
     base = base_fit(problem.model.without(*problem.about), problem.observed, free)[0]
-    return with_laws(MagnitudeLaws.of(session, problem.observed, free), base, *answer)
+    laws = MagnitudeLaws.of(session, problem.observed, free)
+    answer = with_laws(laws, base, *answer)
+    return answer if session.rest else with_closed_rivals(laws, base, *answer)
 
 
 def diagnose_simulation(
@@ -131,7 +198,7 @@ def diagnose_simulation(
     """Diagnose channels beside another program's prediction of them; `free` are ids of effects that are refitted. Of
     `method` it is only asked whether laws are sought."""
     problem = SimulationProblem.beside(session, tuple(free), seed)
-    found, report = diagnose(problem, version)
+    found, report = with_measured_clock(problem, *diagnose(problem, version))
     beside = problem.session
     left = humps(report.after, beside.step_s, beside.omitted, beside.names, beside.units)
     found, departs = with_humps(found, left), None
@@ -179,8 +246,8 @@ def _relinearised_selection(
         second_order = (
             0.0 if selection.fit is None or selection.fit.second_order is None else selection.fit.second_order
         )
-        other = np.asarray(second_order - problem.second_order)
-        if not other.any() or np.sum(problem.noise.white(other) ** 2) < FITS.second_order:
+        other = second_order - problem.second_order
+        if isinstance(other, float) or not np.any(other) or energy(problem.noise, other) < FITS.second_order:
             break
         relinearised = problem.relinearised(second_order)
         if relinearised is None:
@@ -357,4 +424,27 @@ def _choose(
         # what is chosen instead must pass the same test
         selector = replace(selector, banned=selector.banned | {m.candidate for m in doubted})
         terms = selector.select()
+    together = [m for m in terms if m.candidate not in slow and m not in fixed]
+    if (
+        problem.policy.slow_beside_fast
+        and len(together) > 1
+        and not _needed_together(problem, selector, channels, together)
+    ):
+        terms = [m for m in terms if m not in together]
     return replace(selection, selector=selector, terms=terms)
+
+
+def _needed_together(
+    problem: Problem[N], selector: Selector, channels: Sequence[Channel], together: Sequence[Term]
+) -> bool:
+    """Whether several terms explain more than noise with memory does in the place of all of them.
+
+    Beside the others each is needed, as these have left the noise no memory; and of so many sets this is the best one.
+    """
+    others = [m for m in selector.fixed if m not in together]
+    dof = len(selector.space_with([*others, *together])) - len(selector.space_with(others))
+    free = len(problem.candidates) - len(selector.banned)
+    tries = comb(free, len(together)) * float(np.prod([selector.candidate_set.tries[m.candidate] for m in together]))
+    return beats_random_walk(
+        channels, problem.block(others), problem.block(together), dof, tries, problem.policy.certain
+    )

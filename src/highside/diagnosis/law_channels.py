@@ -6,6 +6,7 @@ them like predictions that rise or fall, so that what a factor or a delay does k
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -15,13 +16,19 @@ from highside.arrays import Array
 from highside.diagnosis.beside_laws import beside_laws
 from highside.diagnosis.core.problem import ReportData
 from highside.diagnosis.core.result import Claim, DiagnosisResult, Location, Verdict
+from highside.diagnosis.core.unexplained import hinted
 from highside.diagnosis.laws.claims import ReportedLaw, reported_laws
 from highside.diagnosis.laws.policy import LAW_CELLS, LAW_FLOOR
 from highside.diagnosis.laws.problem import LawProblem, PlaceField
 from highside.diagnosis.laws.search import Search
+from highside.diagnosis.simulation.policy import SIMULATION_CHOICE
 from highside.diagnosis.simulation.problem import SimulationProblem
 
 UNTOUCHED = frozenset({"bad_data", "not_testable"})
+SMALL = (
+    "{} more that follow something are not claimed: each explains less of its channel than a prediction beside strong "
+    "effects is exact to"
+)
 PLACES_OF_A_CHANNEL = ("channel_offset", "channel_factor", "channel_delay")
 
 
@@ -33,24 +40,36 @@ def with_channel_laws(
         return diagnosis, report
     left = report.after if diagnosis.claims else report.before
     rows = _covariates(problem)
-    after, parts, claims, places = left.copy(), dict(report.parts), [], []
+    after, parts, claims, places, few = left.copy(), dict(report.parts), [], [], 0
     names = diagnosis.claims
+    kept = np.ones(problem.session.n, dtype=bool) if problem.session.omitted is None else ~problem.session.omitted
+    sigma = np.array(problem.noise.sigma)
+    given, beside = (np.sum((values[:, kept] / sigma[:, None]) ** 2, axis=1) for values in (report.before, left))
+    least = SIMULATION_CHOICE.least_product * given if names else np.zeros(sigma.size)
     for c, name in enumerate(problem.session.names):
+        if beside[c] - np.count_nonzero(kept) < least[c]:
+            # no law of what is left could be large enough
+            continue
         for one in _of_channel(problem, c, left[c], _free(problem, c, names), rows):
             law = one.law
             values = law.value([rows[covariate] for covariate in law.depends_on])
+            part = values * _field(problem, c, law.place)
+            energy = float(np.sum((part[kept] / sigma[c]) ** 2))
+            if energy < least[c]:
+                few += 1
+                continue
             parts[law.id] = np.zeros_like(left)
-            parts[law.id][c] = values * _field(problem, c, law.place)
-            after[c] -= parts[law.id][c]
-            claims.append(one.claim)
-            share = one.claim.share or 0.0
+            parts[law.id][c] = part
+            after[c] -= part
+            claims.append(replace(one.claim, share=energy))
             places.append(
-                Location((name,), " x ".join(law.depends_on), one.claim.range[:1], None, share, one.claim.p_familywise)
+                Location((name,), " x ".join(law.depends_on), one.claim.range[:1], None, 0.0, one.claim.p_familywise)
             )
+    if few:
+        diagnosis = hinted(diagnosis, SMALL.format(few))
     if not claims:
         return diagnosis, report
     verdict: Verdict = "named_plus" if diagnosis.claims else "law"
-    kept = np.ones(problem.session.n, dtype=bool) if problem.session.omitted is None else ~problem.session.omitted
     fit = diagnosis.fit
     if fit is not None:
         shown = [problem.session.names.index(claims[0].channels[0])]
@@ -60,15 +79,27 @@ def with_channel_laws(
             rmse_before=float(np.sqrt(np.mean(report.before[shown][:, kept] ** 2))),
             rmse_after=float(np.sqrt(np.mean(after[shown][:, kept] ** 2))),
         )
+    named, laws = _with_shares(names, max(float(np.sum(given - beside)), 0.0), claims)
+    placed = tuple(replace(p, share_of_misfit=c.share or 0.0) for p, c in zip(places, laws, strict=True))
     made = replace(
         diagnosis,
         verdict=verdict,
-        location=(*(diagnosis.location if diagnosis.claims else ()), *places),
-        claims=(*diagnosis.claims, *claims),
+        location=(*(diagnosis.location if names else ()), *placed),
+        claims=(*named, *laws),
         fit=fit,
         remainder=beside_laws(diagnosis.remainder),
     )
     return made, replace(report, after=after, parts=parts)
+
+
+def _with_shares(
+    names: Sequence[Claim], of_names: float, laws: Sequence[Claim]
+) -> tuple[tuple[Claim, ...], tuple[Claim, ...]]:
+    """Names and laws with shares of all that is explained; those of the laws are energies in units of the noise, as
+    `of_names`, what all names take."""
+    total = of_names + sum(claim.share or 0.0 for claim in laws)
+    named = tuple(replace(c, share=None if c.share is None else c.share * of_names / total) for c in names)
+    return named, tuple(replace(claim, share=(claim.share or 0.0) / total) for claim in laws)
 
 
 def _of_channel(

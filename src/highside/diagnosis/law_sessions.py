@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highside.arrays import Array
-from highside.diagnosis.core.fit import ObservationModel, Observed
+from highside.diagnosis.core.candidates import shapes_tried, step_times
 from highside.diagnosis.core.floor import lattice_step
+from highside.diagnosis.core.observed import ObservationModel, Observed
 from highside.diagnosis.laws.chain import OF_POSES, OF_ROTATION, chain_problem, covariate_values, unit_law
 from highside.diagnosis.laws.groups import HISTORY
 from highside.diagnosis.laws.noise import step_of
@@ -147,9 +148,21 @@ class ChainSession:
         columns = self.reduced_observed.jacobian(model, [*model.free_names(list(self.free)), *also])
         jitter = None
         if self.jitters:
-            jitter = np.asarray(model.pose_sensitivity(state), dtype=float)[:, [0, 2]].transpose(1, 0, 2)
+            angles = np.asarray(model.pose_sensitivity(state), dtype=float)[:, [0, 2]].transpose(1, 0, 2)
+            force = np.asarray(model.chain(state).force, dtype=float)
+            # a shaken bench moves the level to all sides alike, a toolface only as far as the tool is inclined
+            across = np.cross(force, angles[0], axis=0) / np.linalg.norm(force, axis=0)
+            jitter = np.concatenate([angles, across[None]])
         return chain_problem(
-            model, state, residual, columns, self.floor, places=self.places, jitter=jitter, orders=self.orders
+            model,
+            state,
+            residual,
+            columns,
+            self.floor,
+            places=self.places,
+            jitter=jitter,
+            orders=self.orders,
+            every_pair=self.cells is None,
         )
 
     def derivatives(self, model: ForwardModel, wanted: Sequence[tuple[Effect, Array]]) -> list[Array]:
@@ -164,6 +177,13 @@ class ChainSession:
         names = [known.parameters[k].name for k in known.amplitudes]
         columns = self.reduced_observed.columns(model, known, shape)
         return columns, np.array([values.get(name, 0.0) for name in names])
+
+    def shapes_of(self, effect: Effect) -> list[dict[str, float]]:
+        """The values of an effect's shapes that are tried; one without any where it has none, none for a line of a
+        spectrum."""
+        if effect.line is not None:
+            return []
+        return shapes_tried(effect, self.reduced_state, step_times(self.reduced_state))
 
 
 @dataclass(frozen=True)
@@ -242,6 +262,10 @@ class MagnitudeLaws:
         names = [known.parameters[k].name for k in known.amplitudes]
         return self.observed.columns(model, known, shape), np.array([values.get(name, 0.0) for name in names])
 
+    def shapes_of(self, effect: Effect) -> list[dict[str, float]]:
+        """One without any where an effect has no shapes; the others are not offered beside laws."""
+        return [] if effect.shapes else [{}]
+
 
 class LawSession(Protocol):
     """A session as laws and names compete in it; C channels of m values."""
@@ -264,6 +288,7 @@ class LawSession(Protocol):
     def problem(self, model: ForwardModel, residual: Array, also: Sequence[str] = ()) -> LawProblem: ...
     def derivatives(self, model: ForwardModel, wanted: Sequence[tuple[Effect, Array]]) -> list[Array]: ...
     def effect_columns(self, model: ForwardModel, effect: str, values: dict[str, float]) -> tuple[Array, Array]: ...
+    def shapes_of(self, effect: Effect) -> list[dict[str, float]]: ...
 
 
 def linear(session: LawSession, model: ForwardModel, laws: Sequence[Law]) -> Array:

@@ -17,23 +17,28 @@ from highside.diagnosis.core.method import WHOLE, ProcedureParts
 from highside.diagnosis.core.problem import ReportData
 from highside.diagnosis.core.result import DiagnosisResult, Finding
 from highside.diagnosis.engine import diagnose_magnitudes, diagnose_poses, diagnose_rotation, diagnose_simulation
+from highside.diagnosis.held_poses import with_since_move, without_since_move
 from highside.diagnosis.intake.checks import Intake, check, missing_rows
 from highside.diagnosis.intake.clipped import with_clipping, without_clipped_poses, without_meaning
-from highside.diagnosis.magnitude.outlying import without_outlying_readings
+from highside.diagnosis.intake.long import check_stretches
+from highside.diagnosis.magnitude.outlying import too_few, without_outlying_readings
 from highside.diagnosis.magnitude.session import magnitude_session, nothing_testable
-from highside.diagnosis.poses.session import pose_session, without_outlying_poses
+from highside.diagnosis.poses.session import PoseSession, pose_session, without_outlying_poses
 from highside.diagnosis.rows.session import rotation_session
 from highside.diagnosis.simulation.alignment import Align
 from highside.diagnosis.simulation.intake import check_prediction
 from highside.diagnosis.simulation.session import SimulationSession, simulation_session
+from highside.diagnosis.untimed import WITHOUT_TIMES, without_clock
 from highside.errors import InputError
+from highside.long_arrays import concatenated, is_long
 from highside.physics.effects.dropped_frames import EFFECT as DROPPED_FRAMES
 from highside.physics.effects.gyro_bias import EFFECT as GYRO_BIAS
 from highside.physics.effects.gyro_scale import EFFECT as GYRO_SCALE
 from highside.physics.forward import ForwardModel
 from highside.physics.plan import Site
+from highside.physics.state import differences
 
-__all__ = ["KINDS", "Answer", "Kind", "Request", "diagnose_columns"]
+__all__ = ["ACCELEROMETERS", "GYROS", "KINDS", "Answer", "Kind", "Request", "diagnose_columns", "rotates"]
 
 Columns = Mapping[str, Array]
 
@@ -72,13 +77,22 @@ class Request:
     seed: int = 1
     version: str = ""
     method: ProcedureParts = WHOLE
+    lacking: tuple[Finding, ...] = ()
+    """what is to be said of rows that were left out before"""
+    timed: bool = True
+    """whether the times are recorded; else they count the rows of a table"""
     where: str | None = None
     """names the recording in errors"""
     predicted_where: str | None = None
 
     def in_tool_axes(self, channels: Array) -> Array:
         """Three channels (3, N) of the maker as the tool's x, y and z."""
-        return np.stack([sign * channels[channel] for channel, sign in self.axes])
+        return concatenated([sign * channels[channel][None] for channel, sign in self.axes])
+
+    @property
+    def long(self) -> bool:
+        """Whether the rows are not in the memory."""
+        return is_long(self.columns["t_s"])
 
 
 @dataclass(frozen=True)
@@ -103,6 +117,8 @@ def diagnose_columns(request: Request) -> Answer:
     """Diagnose a recording by the first of `KINDS` that is meant. Raises InputError for columns that do not do."""
     kind = next(kind for kind in KINDS if kind.meant(request))
     answer = kind.diagnose(request)
+    if not request.timed:
+        answer = replace(answer, diagnosis=without_clock(answer.diagnosis), notes=(*answer.notes, WITHOUT_TIMES))
     # another program's prediction holds effects of its own, not those of the model
     known = {} if request.predicted is not None else request.forward.parameters()
     known = {effect: values for effect, values in known.items() if any(values.values())}
@@ -152,7 +168,10 @@ def _checked_reference(request: Request, *, every_row: bool = True) -> Intake:
             remedy="add these columns; or put [reference] kind = "
             '"magnitude" into the model if only |g| is known; or give another program\'s output with simulation=',
         )
-    return check(request.columns, ("inc_ref_deg", _toolface(request.columns)), request.axes, every_row=every_row)
+    needed = ("inc_ref_deg", _toolface(request.columns))
+    if request.long:
+        return check_stretches(request.columns, needed, request.axes)
+    return check(request.columns, needed, request.axes, every_row=every_row)
 
 
 def _toolface(columns: Columns) -> str:
@@ -170,36 +189,48 @@ def _poses(request: Request) -> Answer:
     if found.spoiled:
         return _bad_data(request, found)
     raw = request.complete(*ACCELEROMETERS)
-    try:
-        session = pose_session(
-            without_clipped_poses(request.columns, raw, found),
-            request.in_tool_axes(raw),
-            gravity_mps2=request.site.gravity_mps2,
-            latitude_rad=request.site.latitude_rad,
-            azimuth_rad=request.site.azimuth_rad,
+    columns, accel = without_clipped_poses(request.columns, raw, found), request.in_tool_axes(raw)
+    since = None
+
+    def poses(readings: Array) -> PoseSession:
+        site = request.site
+        return pose_session(
+            columns,
+            readings,
+            gravity_mps2=site.gravity_mps2,
+            latitude_rad=site.latitude_rad,
+            azimuth_rad=site.azimuth_rad,
         )
+
+    try:
+        session = poses(accel)
     except InputError as error:
         raise _of_recording(request, error) from None
+    if request.method.laws:
+        session, since = without_since_move(session, columns, accel, request.forward, poses)
     session, outlying = without_outlying_poses(session, request.forward, request.free)
     diagnosis, report_data = diagnose_poses(
         session, request.forward, request.free, seed=request.seed, version=request.version, method=request.method
     )
+    diagnosis, report_data = with_since_move(diagnosis, report_data, since)
     every = (*found.findings, *outlying, *diagnosis.intake)
     return Answer(with_clipping(replace(diagnosis, intake=every), found, request.axes), report_data)
 
 
-def _rotates(request: Request) -> bool:
+def rotates(columns: Columns) -> bool:
     """Whether the reference turns in most rows: no session of stops."""
-    name = "tf_ref_deg" if "tf_ref_deg" in request.columns else "rotor_deg"
-    if "pose" in request.columns or name not in request.columns:
+    name = _toolface(columns)
+    if "pose" in columns or name not in columns:
         return False
-    turns = np.diff(request.columns[name]) != 0
+    turns = differences(columns[name]) != 0
     return turns.size > 0 and bool(np.mean(turns) > TURNING_SHARE)
 
 
 def _rotation(request: Request) -> Answer:
     """Continuous rotation with a known reference, row by row."""
-    request, lacking = _without_missing(request, "inc_ref_deg", _toolface(request.columns))
+    lacking: tuple[Finding, ...] = request.lacking
+    if not request.long:
+        request, lacking = _without_missing(request, "inc_ref_deg", _toolface(request.columns))
     found = _with_lacking(_checked_reference(request), lacking)
     if found.spoiled:
         return _bad_data(request, found)
@@ -244,6 +275,9 @@ def _magnitude(request: Request) -> Answer:
     session = magnitude_session(request.columns, accel, gravity_mps2=request.site.gravity_mps2)
     if isinstance(session, str):
         return Answer(nothing_testable(session, found.findings, request.seed, request.version), None)
+    if (lacks := too_few(session, request.forward, request.free)) is not None:
+        answer = nothing_testable(lacks[0], found.findings, request.seed, request.version, lacks[1])
+        return Answer(answer, None)
     session, outlying = without_outlying_readings(session, request.forward, request.free)
     diagnosis, report_data = diagnose_magnitudes(
         session, request.forward, request.free, seed=request.seed, version=request.version
@@ -285,7 +319,8 @@ def _aligned(session: SimulationSession) -> str:
             f"motion is off by {a.rate:+.3%}"
         )
     else:
-        how = f"one clock: the recording lags by {a.lag_s:+.4g} s, which is left to be diagnosed"
+        side = "after" if a.lag_s >= 0.0 else "before"
+        how = f"one clock: the recording is {abs(a.lag_s):.4g} s {side} the prediction, which is left to be diagnosed"
     return (
         f"{', '.join(session.names)}: {session.n * session.step_s:.1f} s compared, {1 / session.step_s:.3g} rows/s, "
         f"up to {session.band_hz:.3g} Hz; {how} (correlation {a.correlation:.3f})"
@@ -295,7 +330,7 @@ def _aligned(session: SimulationSession) -> str:
 KINDS = (
     Kind("simulation", lambda r: r.predicted is not None or r.reference == "simulation", _beside),
     Kind("magnitude", lambda r: r.reference == "magnitude", _magnitude),
-    Kind("rotation", _rotates, _rotation),
+    Kind("rotation", lambda r: rotates(r.columns), _rotation),
     Kind("pose", lambda r: True, _poses),
 )
 """The kinds of reference; the first that is meant diagnoses."""

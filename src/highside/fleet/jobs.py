@@ -1,7 +1,8 @@
 """What is done with one recording: the row of its result. Each job is a caller of the public API, and nothing else.
 
 A recording that fails is a row with its error. A row has `verdict` (of a diagnosis its own, else "done", of a pose set
-that a calibration refuses "refused"), `error` and `seconds`, and what belongs to its job.
+that a calibration refuses "refused"), `error` and `seconds`, and what belongs to its job. A job imports what it needs
+when it is done: a process of a fleet does one, and takes as long to import all of them as for a hundred short sessions.
 """
 
 from __future__ import annotations
@@ -11,19 +12,18 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, get_args
+from typing import TYPE_CHECKING, Any, get_args
 
 import numpy as np
 
-from highside.api.calibration import calibrate
-from highside.api.diagnosis import diagnose, rows_of
-from highside.api.gyro import drift
-from highside.config.model import Model, parse_model
-from highside.diagnosis.core.effect_scores import EffectScores
 from highside.errors import HighsideError
-from highside.gyro.follow import MethodName, columns_deg
 from highside.reading import parse_toml
 from highside.version import __version__
+
+if TYPE_CHECKING:
+    from highside.config.model import Model
+    from highside.diagnosis.core.effect_scores import EffectScores
+    from highside.recording.table import Recording
 
 __all__ = ["JOBS", "Order", "empty_row", "row_of"]
 
@@ -51,6 +51,8 @@ class Order:
 
     def model_of(self) -> Model:
         """The model. Raises InputError."""
+        from highside.config.model import Model, parse_model
+
         return parse_model(parse_toml(self.model, where="model"), where="model") if self.model else Model()
 
 
@@ -68,20 +70,35 @@ def row_of(order: Order, path: Path) -> dict[str, Any]:
 
 
 def _diagnose(order: Order, path: Path) -> dict[str, Any]:
-    rows = rows_of(path)
-    made = diagnose(rows, order.model_of(), seed=order.seed)
+    from highside.api.diagnosis import diagnose, rows_of
+    from highside.reading.row_groups import RowGroups
+    from highside.recording.long import MANY_ROWS
+
+    groups = RowGroups.of(path)
+    # what is long is not read here: the diagnosis reads it run by run
+    rows = None if groups is not None and groups.rows >= MANY_ROWS else rows_of(path)
+    made = diagnose(path if rows is None else rows, order.model_of(), seed=order.seed)
     found = made.to_dict()
     data = made.report_data
     scores = getattr(data, "scores", None)
     return {
         "verdict": made.verdict,
-        "rows": rows.n,
+        "rows": rows.n if rows is not None else groups.rows if groups is not None else 0,
         "claims": [claim.effect for claim in made.claims],
         "diagnosis": json.dumps(found),
         "noise": json.dumps(found["noise"]),
-        "temp_c": float(np.nanmean(rows.columns["temp_c"])) if "temp_c" in rows.columns else None,
+        "temp_c": _temperature(rows, data),
         **(_score_columns(scores) if scores is not None else {}),
     }
+
+
+def _temperature(rows: Recording | None, data: object) -> float | None:
+    """Mean temperature, C; of a recording that was not read, by the rows that a report draws."""
+    from highside.diagnosis.core.problem import ReportData
+
+    if rows is not None:
+        return float(np.nanmean(rows.columns["temp_c"])) if "temp_c" in rows.columns else None
+    return float(np.mean(data.session.state.temp_c)) if isinstance(data, ReportData) else None
 
 
 def _score_columns(scores: EffectScores) -> dict[str, Any]:
@@ -99,6 +116,8 @@ def _score_columns(scores: EffectScores) -> dict[str, Any]:
 
 
 def _solve(order: Order, path: Path) -> dict[str, Any]:
+    from highside.api.calibration import calibrate
+
     made = calibrate(path, order.method or "joint", tool=order.tool or None, serial=order.serial or None)
     rows = len(made.record.content["pose_table"]["ax"])
     verdict = "refused" if made.refused else "done"
@@ -106,11 +125,20 @@ def _solve(order: Order, path: Path) -> dict[str, Any]:
 
 
 def _drift(order: Order, path: Path) -> dict[str, Any]:
+    from highside.api.gyro import drift
+    from highside.gyro.follow import MethodName, columns_deg
+
     made = drift(path, next((known for known in get_args(MethodName) if known == order.method), "kinematic"))
     last = {name: float(column[-1]) for name, column in columns_deg(made.result).items()}
     return {"verdict": "done", "rows": int(made.result.t_s.size), "basis": made.basis, "last": json.dumps(last)}
 
 
+MODULES_OF: Mapping[str, tuple[str, ...]] = {
+    "diagnose": ("highside.api.diagnosis", "highside.reading.row_groups", "highside.recording.long"),
+    "solve": ("highside.api.calibration", "highside.calibration.methods.joint"),
+    "drift": ("highside.api.gyro",),
+}
+"""what a process imports before its first recording"""
 JOBS: Mapping[str, Callable[[Order, Path], dict[str, Any]]] = {"diagnose": _diagnose, "solve": _solve, "drift": _drift}
 
 

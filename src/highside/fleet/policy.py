@@ -57,14 +57,33 @@ class TaskPolicy:
 
     seconds: float = 10.0
     """of work in one task: the scheduler takes about 1 ms a task, so 1e-4 of it"""
-    per_recording_s: float = 0.3
-    """what a short recording takes (126 poses: 0.25 to 0.6 s on one core of 2 GHz)"""
+    diagnosis_s: float = 0.3
+    """what a short recording takes to be diagnosed (126 poses: 0.25 to 0.6 s on one core of 2 GHz)"""
+    other_s: float = 0.01
+    """what one takes to be solved (12 poses: 6 to 7 ms there) or followed"""
     per_megabyte_s: float = 1.5
     """what each further megabyte takes (100,000 rows, 9 MB gzipped: 12 s)"""
+    pieces: int = 4
+    """for each process, at least: so they end within a quarter of their work of one another"""
+    scheduler_s: float = 1e-3
+    """that the scheduler takes for a task"""
+    scheduler_share: float = 0.1
+    """of its time, at most, when all processes ask it for tasks"""
+    watched_s: float = 60.0
+    """for each process, from which on dask's dashboard is begun unasked: it takes 0.4 s"""
     ask_again_s: float = 5.0
     """between two looks at whether all processes are there; one takes 2 to 10 s to start"""
     attempts: int = 3
     """deaths of the process that works on a recording alone before that is its result"""
+
+    def seconds_of(self, job: str, size: int) -> float:
+        """What a recording of so many bytes takes."""
+        return (self.diagnosis_s if job == "diagnose" else self.other_s) + self.per_megabyte_s * size / 1e6
+
+    def batch_seconds(self, work_s: float, processes: int) -> float:
+        """Of a batch, where so many processes share so much work: few enough for the scheduler, and enough for all."""
+        least = processes * self.scheduler_s / self.scheduler_share
+        return min(self.seconds, max(least, work_s / (self.pieces * processes)))
 
 
 @dataclass(frozen=True)

@@ -2,31 +2,32 @@
 
 Short recordings go in batches of about ten seconds, a long one is a task of its own. A process that dies costs its
 batch only: its recordings are given out again one by one, and a recording that ends every process it is given to is an
-error of its own. Each result is written where it was made, whole; what is there already is not computed again.
+error of its own. Results are written where they were made, those of a batch as one part, whole; what is there already
+is not computed again.
 """
 
 from __future__ import annotations
 
 import os
 import tempfile
-import threading
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 from highside.errors import HighsideError, InputError
-from highside.fleet.catalogue import INSTALL, Entry
-from highside.fleet.jobs import Order, empty_row, row_of
-from highside.fleet.parts import PartStore, key_of
+from highside.fleet.catalogue import Entry
+from highside.fleet.cluster import cluster_client
+from highside.fleet.jobs import MODULES_OF, Order, empty_row, row_of
+from highside.fleet.parts import PartStore, content_digest, key_of
 from highside.fleet.policy import TASKS
-from highside.reading import read_bytes, read_document
+from highside.reading import read_document
 from highside.reading.files import allowed_bytes
 
 __all__ = ["Finished", "Outcome", "run"]
-
-MEGABYTE = 1_000_000
 
 
 @dataclass(frozen=True)
@@ -66,22 +67,31 @@ def run(
     *,
     workers: int | None = None,
     scheduler: str | None = None,
+    dashboard: bool | None = None,
     progress: Callable[[int, int, str], None] = lambda done, all_of_them, words: None,
 ) -> Finished:
     """Do the job on all entries. `workers`: processes of this machine; `scheduler`: a cluster's address instead.
 
-    `progress` is given how many are done, of how many, and the address of the dashboard. Raises InputError for a model
+    `dashboard`: whether dask's is begun; None: where the work takes more than a minute. `progress` is given how many
+    are done, of how many, and the address of the dashboard. Raises InputError for a model
     that is not in order, and where dask.distributed is missing or the cluster cannot be reached.
     """
     work = {entry.uri: _order_of(entry, order) for entry in entries}
+    # a damaged part is said before anything is begun
+    store.look()
     outcomes: dict[str, Outcome] = {}
-    with _client(workers, scheduler) as client:
+    costs = [TASKS.seconds_of(order.job, _size_of(entry)) for entry in entries]
+    processes = workers or os.cpu_count() or 1
+    watched = sum(costs) > TASKS.watched_s * processes if dashboard is None else dashboard
+    with cluster_client(processes, scheduler, MODULES_OF[order.job], dashboard=watched) as client:
         from distributed import as_completed
 
-        dashboard = str(client.dashboard_link or "")
-        progress(0, len(work), dashboard)
+        page = str(client.dashboard_link or "") if watched or scheduler is not None else ""
+        progress(0, len(work), page)
         given = {}
-        for batch in _batches(entries):
+        if scheduler is not None:
+            processes = max(1, sum(client.nthreads().values()))
+        for batch in _batches(entries, costs, processes):
             pairs = [(entry.uri, work[entry.uri]) for entry in batch]
             given[_submit(client, pairs, store.folder)] = (pairs, 1)
         pending = as_completed(list(given))
@@ -90,14 +100,18 @@ def run(
             if future.status == "finished":
                 outcomes |= {one.uri: one for one in future.result()}
             else:
+                error = future.exception() if future.status == "error" else None
+                if isinstance(error, HighsideError):
+                    # results cannot be written or read: no fault of the recordings
+                    raise error
                 for again in _again(pairs, attempt):
                     other = _submit(client, again, store.folder)
                     given[other] = (again, attempt + 1 if len(pairs) == 1 else 1)
                     pending.add(other)
                 if len(pairs) == 1 and attempt >= TASKS.attempts:
-                    outcomes[pairs[0][0]] = _deadly(pairs[0], store)
+                    outcomes[pairs[0][0]] = _deadly(pairs[0], store, error)
             future.release()
-            progress(len(outcomes), len(work), dashboard)
+            progress(len(outcomes), len(work), page)
     finished = Finished(tuple(outcomes[entry.uri] for entry in entries))
     store.write_catalogue(entries, finished.keys, order.job)
     return finished
@@ -108,20 +122,21 @@ def _order_of(entry: Entry, order: Order) -> Order:
     own = order
     if entry.model is not None:
         own = replace(order, model=read_document(Path(entry.model)).decode("utf-8", "replace"))
-    own.model_of()
+    if own.model:
+        own.model_of()
     if order.job == "solve":
         # a record is of a tool; all other results are of a recording
         own = replace(own, tool=entry.tool if entry.stated else "", serial=entry.more.get("serial", "").strip())
     return own
 
 
-def _batches(entries: Sequence[Entry]) -> Iterator[list[Entry]]:
+def _batches(entries: Sequence[Entry], costs: Sequence[float], processes: int) -> Iterator[list[Entry]]:
+    """What is given out in one piece: about ten seconds of work, less where all of it is soon done by the processes."""
+    most = TASKS.batch_seconds(sum(costs), processes)
     batch: list[Entry] = []
     seconds = 0.0
-    for entry in entries:
-        size = entry.size if entry.size is not None else _size_of(entry.uri)
-        cost = TASKS.per_recording_s + TASKS.per_megabyte_s * size / MEGABYTE
-        if batch and seconds + cost > TASKS.seconds:
+    for entry, cost in zip(entries, costs, strict=True):
+        if batch and seconds + cost > most:
             yield batch
             batch, seconds = [], 0.0
         batch.append(entry)
@@ -130,9 +145,11 @@ def _batches(entries: Sequence[Entry]) -> Iterator[list[Entry]]:
         yield batch
 
 
-def _size_of(uri: str) -> int:
+def _size_of(entry: Entry) -> int:
+    if entry.size is not None:
+        return entry.size
     try:
-        return Path(uri).stat().st_size
+        return Path(entry.uri).stat().st_size
     except OSError:
         # a remote place: taken for a short one
         return 0
@@ -150,41 +167,60 @@ def _again(pairs: Sequence[Work], attempt: int) -> list[list[Work]]:
     return [list(pairs)] if attempt < TASKS.attempts else []
 
 
-def _deadly(pair: Work, store: PartStore) -> Outcome:
-    """The result of a recording that ended every process it was given to."""
+def _deadly(pair: Work, store: PartStore, error: BaseException | None) -> Outcome:
+    """The result of a recording that ended every process it was given to, or that none could begin with."""
+    from distributed import KilledWorker
+
     uri, order = pair
     said = f"ended {TASKS.attempts} processes that worked on it (out of memory?)"
+    if error is not None and not isinstance(error, KilledWorker):
+        said = f"no process could work on it: {type(error).__name__}: {error}"
     with _at_hand(uri) as path:
         key = _key(path, order)
-    store.write(key, empty_row(order.job) | {"error": said})
+    store.write({key: empty_row(order.job) | {"error": said, "seconds": None, "cpu_s": None}})
     return Outcome(uri, key, "error", True, error=said)
 
 
 def work_on(pairs: Sequence[Work], folder: str) -> list[Outcome]:
-    """In a process of the cluster: the results of these recordings, each written as it is made."""
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    store = PartStore(Path(folder))
-    return [_outcome(uri, order, store) for uri, order in pairs]
+    """In a process of the cluster: the results of these recordings, those of about ten seconds in one part."""
+    store = _store_of(folder)
+    store.look()
+    outcomes: list[Outcome] = []
+    made: dict[str, dict[str, Any]] = {}
+    begun = time.monotonic()
+    try:
+        for uri, order in pairs:
+            outcomes.append(_outcome(uri, order, store, made))
+            if time.monotonic() - begun > TASKS.seconds:
+                store.write(made)
+                made, begun = {}, time.monotonic()
+    finally:
+        store.write(made)
+    return outcomes
 
 
-def _outcome(uri: str, order: Order, store: PartStore) -> Outcome:
+@lru_cache(maxsize=4)
+def _store_of(folder: str) -> PartStore:
+    """The results of a folder, and what this process knows of them already."""
+    return PartStore(Path(folder))
+
+
+def _outcome(uri: str, order: Order, store: PartStore, made: dict[str, dict[str, Any]]) -> Outcome:
+    """What became of a recording; its row, if it was computed, is put into `made`."""
     try:
         with _at_hand(uri) as path:
             key = _key(path, order)
-            if store.has(key):
+            if store.has(key) or key in made:
                 return Outcome(uri, key, "", False)
             row = row_of(order, path)
     except HighsideError as error:
         return Outcome(uri, None, "error", False, error=str(error))
-    if row.get("record") and row["verdict"] == "done":
-        # before the result, which says that all of it is there
-        store.write_record(row["record_id"], row["record"])
-    store.write(key, row)
+    made[key] = row
     return Outcome(uri, key, str(row["verdict"]), True, float(row["seconds"]), str(row["error"]))
 
 
 def _key(path: Path, order: Order) -> str:
-    return key_of(read_bytes(path), *order.key)
+    return key_of(content_digest(path), *order.key)
 
 
 @contextmanager
@@ -207,57 +243,3 @@ def _at_hand(uri: str) -> Iterator[Path]:
                 f"cannot be fetched: {error}", where=uri, remedy="see that the place can be read"
             ) from None
         yield Path(folder) / name
-
-
-@contextmanager
-def _client(workers: int | None, scheduler: str | None) -> Iterator[Any]:
-    """A client of the cluster, which is ended with it where it was started here."""
-    try:
-        import dask
-        from distributed import Client, LocalCluster
-    except ImportError:
-        raise InputError("a fleet needs dask.distributed, which is not installed", remedy=INSTALL) from None
-    # a batch whose process died is given out by us, alone; the scheduler need not try it on others first
-    settings = {"distributed.scheduler.allowed-failures": 0, "distributed.worker.daemon": False}
-    with dask.config.set(settings):
-        if scheduler is not None:
-            try:
-                client = Client(scheduler, timeout="10s")
-            except (OSError, ValueError) as error:
-                raise InputError(f"cannot be reached: {error}", where=scheduler, field="--scheduler") from None
-            with client:
-                yield client
-            return
-        count = workers or os.cpu_count() or 1
-        with (
-            LocalCluster(
-                n_workers=count,
-                threads_per_worker=1,
-                processes=True,
-                dashboard_address="127.0.0.1:0",
-                host="127.0.0.1",
-                silence_logs=50,
-            ) as cluster,
-            Client(cluster) as client,
-            _kept_up(cluster, count),
-        ):
-            yield client
-
-
-@contextmanager
-def _kept_up(cluster: Any, count: int) -> Iterator[None]:
-    """Ask for `count` processes again and again: dask begins no other in the place of one that dies while it starts, or
-    is 15 s in starting anew (a busy machine), and a cluster that has lost all of them so would wait for ever."""
-    ended = threading.Event()
-
-    def ask() -> None:
-        while not ended.wait(TASKS.ask_again_s):
-            cluster.scale(count)
-
-    thread = threading.Thread(target=ask, name="fleet workers", daemon=True)
-    thread.start()
-    try:
-        yield
-    finally:
-        ended.set()
-        thread.join()

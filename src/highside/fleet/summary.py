@@ -11,7 +11,7 @@ import numpy as np
 from highside.arrays import Array
 from highside.errors import InputError
 from highside.fleet.common import Common, LotScores, LotTested, ToolScores, judge
-from highside.fleet.parts import PartStore
+from highside.fleet.parts import DAMAGED, PartStore
 from highside.fleet.pooling import marginal
 
 __all__ = ["FleetSummary", "LotView", "summarise"]
@@ -188,6 +188,20 @@ def _rows(store: PartStore, by: str, order: str | None) -> list[dict[str, Any]]:
         raise InputError(
             "holds no results", where=str(store.folder), field="DIR", remedy="run highside fleet diagnose first"
         )
+    # a damaged file is named here, before the query
+    store.look()
+    store.read_catalogue()
+    try:
+        every = _joined(duckdb, store, by, order)
+    except duckdb.Error as error:
+        said = str(error).splitlines()[0]
+        raise InputError(f"cannot be read: {said}", where=str(store.folder), field="DIR", remedy=DAMAGED) from None
+    # two runs at the same time may both have written a result
+    return list({row["uri"]: row for row in every}.values())
+
+
+def _joined(duckdb: Any, store: PartStore, by: str, order: str | None) -> list[dict[str, Any]]:
+    """Every diagnosis of the catalogue with each row of its result."""
     with duckdb.connect() as base:
         base.execute(
             "CREATE VIEW catalogue AS SELECT * FROM read_parquet(?)".replace("?", _quoted(str(store.catalogue)))

@@ -27,6 +27,10 @@ from highside.codec.frame import CanFrame
 from highside.errors import HighsideError
 from highside.reading.config_table import ConfigTable
 
+LOOK_LEAST_S = 0.01
+"""Seconds between two looks at a silent link, or two attempts to open one, whatever was configured: less would be the
+processor's whole time."""
+
 
 class LinkState(Enum):
     """How a link is."""
@@ -287,7 +291,8 @@ class LinkSupervisor:
                         # until the re-open is due, but look in between: a sign of life brings the first limit back
                         wait_s = self._last_data + settings.reopen_after_s - clock.monotonic()
                         wait_s = min(wait_s, settings.stale_after_s / 4.0)
-                    sleeper = asyncio.ensure_future(clock.sleep(wait_s))
+                    # whatever was configured: the time between two looks is not the processor's whole time
+                    sleeper = asyncio.ensure_future(clock.sleep(max(wait_s, LOOK_LEAST_S)))
                     waiting.add(sleeper)  # type: ignore[arg-type]
                 try:
                     await asyncio.wait(waiting, return_when=asyncio.FIRST_COMPLETED)
@@ -312,12 +317,11 @@ class LinkSupervisor:
     async def _pause(self, transport: Transport, attempts_without_data: int) -> None:
         """Wait for the back-off to pass or for the device to come back."""
         settings = self._settings
-        base_s = min(
-            settings.backoff_max_s, settings.backoff_initial_s * 2.0 ** min(max(attempts_without_data - 1, 0), 30)
-        )
+        initial_s = max(settings.backoff_initial_s, LOOK_LEAST_S)
+        base_s = min(settings.backoff_max_s, initial_s * 2.0 ** min(max(attempts_without_data - 1, 0), 30))
         pause_s = base_s * (1.0 + settings.jitter * self._rng.uniform(-1.0, 1.0))
         tasks = [
-            asyncio.ensure_future(self._clock.sleep(pause_s)),
+            asyncio.ensure_future(self._clock.sleep(max(pause_s, LOOK_LEAST_S))),
             asyncio.ensure_future(transport.wait_ready()),
         ]
         try:

@@ -174,6 +174,8 @@ class Played:
     frames: int = 0
     unheard: int = 0
     duration_s: float = 0.0
+    began: bool = False
+    """somebody was there to read"""
 
 
 async def play(
@@ -191,6 +193,7 @@ async def play(
     played = played if played is not None else Played()
     while not wire.listened_to:
         await clock.sleep(WAIT_S)
+    played.began = True
     start = clock.monotonic()
     async with contextlib.aclosing(paced(timeline, speed, clock)) as due:
         async for batch in due:

@@ -15,9 +15,13 @@ from highside.arrays import AnyArray
 from highside.errors import InputError
 from highside.physics.memory import low_pass
 from highside.physics.state import ChainState
+from highside.words import said
 
 OWN = -1
 """axis of a channel that is not one of the triad"""
+LAGS_S = (60, 90, 130, 200, 300, 450, 650, 900, 1200, 1800, 2700, 4000)
+"""Time constants of a temperature that lags, s: each about 1.5 times the one before, so that none is off by more than a
+quarter. Source: chosen; from a sensor in its housing to a bench in a room"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,7 +29,7 @@ class Covariate:
     """A quantity that varies: its unit, and its values (n,) from (state, load (3, n) g, axis 0 to 2 or `OWN`).
 
     `periodic`: it is an angle that comes round after 360. `own`: it differs from axis to axis. `history`: it depends on
-    the rows before.
+    the rows before. `clock`: it needs the time of each row.
     """
 
     unit: str
@@ -34,6 +38,7 @@ class Covariate:
     periodic: bool = False
     own: bool = False
     history: bool = False
+    clock: bool = False
 
 
 def _own_load(state: ChainState, load: AnyArray, axis: int) -> AnyArray:
@@ -84,15 +89,21 @@ COVARIATES: dict[str, Covariate] = {
     ),
     "acceleration": Covariate("deg/s2", "angular acceleration", lambda s, f, a: np.degrees(s.rotor_accel_radps2)),
     "temp": Covariate("C", "temperature", lambda s, f, a: s.temp_c),
-    "temp_rate": Covariate("C/s", "rate of the temperature", lambda s, f, a: s.temp_rate_cps),
-    "temp_filtered_300": Covariate("C", "temperature that lags by 300 s", _filtered(300.0), history=True),
-    "temp_filtered_1200": Covariate("C", "temperature that lags by 1200 s", _filtered(1200.0), history=True),
+    "temp_rate": Covariate("C/s", "rate of the temperature", lambda s, f, a: s.temp_rate_cps, clock=True),
+    **{
+        f"temp_filtered_{lag}": Covariate(
+            "C", said("temperature that lags by %(lag)s s", lag=lag), _filtered(float(lag)), history=True, clock=True
+        )
+        for lag in LAGS_S
+    },
     "vibration": Covariate("g", "vibration", lambda s, f, a: s.vibration_rms_g),
-    "time": Covariate("s", "time", lambda s, f, a: s.t_s - s.t_s[:1]),
-    "time_since_move": Covariate("s", "time since the last move", _since_move, history=True),
+    "time": Covariate("s", "time", lambda s, f, a: s.t_s - s.t_s[:1], clock=True),
+    "time_since_move": Covariate("s", "time since the last move", _since_move, history=True, clock=True),
     "previous_load": Covariate("g", "load in the pose before", _previous_load, own=True, history=True),
 }
 """All names that are known beforehand."""
+FILTERED = tuple(f"temp_filtered_{lag}" for lag in LAGS_S)
+"""of these the temperatures that lag"""
 
 
 def covariate(name: str) -> Covariate:

@@ -70,9 +70,16 @@ def _decay(u: AnyArray, span: Span, start: float, tau: float) -> AnyArray:
     return np.where(u >= start, np.exp(-np.maximum(u - start, 0.0) / tau), 0.0)
 
 
+def _straight(u: AnyArray, span: Span) -> AnyArray:
+    low, high = span
+    return (2 * u - low - high) / (high - low if high > low else 1.0)
+
+
 FUNCTIONS: dict[str, tuple[Shape, int, str]] = {
     "one": (lambda u, s: np.ones_like(u), 0, ""),
     "cosine": (_cosine, 1, "cos(pi {0} (({u}) - low) / (high - low))"),
+    "straight": (_straight, 0, "(2 ({u} - low) / (high - low) - 1)"),
+    "square": (lambda u, s: _straight(u, s) ** 2, 0, "(2 ({u} - low) / (high - low) - 1)^2"),
     "cos": (lambda u, s, k: np.cos(k * np.radians(u)), 1, "cos({0} {u})"),
     "sin": (lambda u, s, k: np.sin(k * np.radians(u)), 1, "sin({0} {u})"),
     "linear": (lambda u, s, c: u - c, 1, "({u} - {0})"),
@@ -143,6 +150,8 @@ class Axis:
         """Values (n,) held within the range, and the factors (n,) by which what lies beyond it falls off."""
         u = np.asarray(u, dtype=float)
         if self.periodic:
+            return u, np.ones(u.size)
+        if u.size and self.low <= u.min() and u.max() <= self.high:
             return u, np.ones(u.size)
         held = np.clip(u, self.low, self.high)
         width = TAPER * (self.high - self.low) if self.high > self.low else 1.0

@@ -17,7 +17,7 @@ import numpy as np
 
 from highside.arrays import AnyArray
 from highside.errors import InputError
-from highside.physics.covariates import COVARIATES, covariate
+from highside.physics.covariates import COVARIATES, FILTERED, covariate
 from highside.physics.law import Axis, Law
 
 BEYOND = 10.0
@@ -44,6 +44,8 @@ CODE: dict[str, str] = {
     "decay": "np.where({u} >= {0}, np.exp(-np.maximum({u} - {0}, 0.0) / {1}), 0.0)",
     "exponential": "np.exp(({u} - {0}) / {1})",
     "sine": "np.sin(2 * np.pi * {u} / {0})",
+    "straight": "((2 * {u} - 2 * {low}) / {span} - 1)",
+    "square": "((2 * {u} - 2 * {low}) / {span} - 1) ** 2",
     "cosine_of": "np.cos(2 * np.pi * {u} / {0})",
     "bump": "np.exp(-0.5 * (({u} - {0}) / {1}) ** 2)",
     "dent": "np.exp(-0.5 * ((np.mod({u} - {0} + 180.0, 360.0) - 180.0) / {1}) ** 2)",
@@ -53,8 +55,7 @@ CODE: dict[str, str] = {
 NEEDS = {
     "temp": ("temp_c",),
     "temp_rate": ("t_s", "temp_c"),
-    "temp_filtered_300": ("t_s", "temp_c"),
-    "temp_filtered_1200": ("t_s", "temp_c"),
+    **dict.fromkeys(FILTERED, ("t_s", "temp_c")),
     "rate": ("rotor_rate_radps",),
     "rate_sign": ("direction",),
     "acceleration": ("rotor_accel_radps2",),

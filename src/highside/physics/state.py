@@ -7,16 +7,18 @@ effect that needs them then has no influence (and cannot be detected).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
-from typing import Self
+from typing import Self, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from highside.arrays import AnyArray
 from highside.errors import InputError
+from highside.long_arrays import LongArray, by_runs, is_long, runs_of
+from highside.scratch_arrays import stored
 from highside.units import STANDARD_GRAVITY_MPS2
 
 Ints = NDArray[np.int64]
@@ -93,23 +95,29 @@ class ChainState:
         extra: Mapping[str, AnyArray] | None = None,
     ) -> Self:
         """Scalars are spread over the rows; `t_s` defaults to one row each `row_seconds`, `pose` to one pose a row."""
-        inc, tf = np.broadcast_arrays(np.asarray(inc_rad, dtype=float), np.asarray(tf_rad, dtype=float))
-        n = inc.size
+        if is_long(inc_rad):
+            inc, tf = inc_rad, tf_rad
+        else:
+            inc, tf = np.broadcast_arrays(np.asarray(inc_rad, dtype=float), np.asarray(tf_rad, dtype=float))
+            inc, tf = inc.reshape(inc.size), tf.reshape(tf.size)
+        n = inc.shape[-1]
 
         def rows(value: AnyArray | float) -> AnyArray:
+            if isinstance(value, LongArray):
+                return cast(AnyArray, value)
             return np.broadcast_to(np.asarray(value, dtype=float), (n,))
 
         return cls(
             t_s=rows(np.arange(n) * row_seconds if t_s is None else t_s),
-            inc_rad=inc.reshape(n),
-            tf_rad=tf.reshape(n),
+            inc_rad=inc,
+            tf_rad=tf,
             direction=rows(direction),
             temp_c=rows(temp_c),
             rotor_rate_radps=rows(rotor_rate_radps),
             rotor_accel_radps2=rows(rotor_accel_radps2),
             inc_rate_radps=rows(inc_rate_radps),
             vibration_rms_g=rows(vibration_rms_g),
-            pose=np.arange(n) if pose is None else np.asarray(pose, dtype=np.int64),
+            pose=np.arange(n) if pose is None else np.asarray(pose),
             vibration_x_rms_g=rows(vibration_x_rms_g),
             vibration_y_rms_g=rows(vibration_y_rms_g),
             vibration_z_rms_g=rows(vibration_z_rms_g),
@@ -142,11 +150,11 @@ class ChainState:
             lacking.append("tf_ref_deg (or rotor_deg)")
         if lacking:
             raise InputError(f"lacks the column{'s' if len(lacking) > 1 else ''} {', '.join(lacking)}")
-        t_s = np.asarray(columns["t_s"], dtype=float)
+        t_s = columns["t_s"] if is_long(columns["t_s"]) else np.asarray(columns["t_s"], dtype=float)
         toolface = "tf_ref_deg" if "tf_ref_deg" in columns else "rotor_deg"
         inc, tf = np.radians(columns["inc_ref_deg"]), np.radians(columns[toolface])
         moves = "pose" not in columns and t_s.size > 1
-        still = np.zeros(t_s.size)
+        still = np.broadcast_to(0.0, (t_s.size,))
         if moves:
             tf = unwrapped(tf, t_s)
         if "rotor_rate_dps" in columns:
@@ -154,7 +162,8 @@ class ChainState:
         else:
             rate = slopes(tf, t_s) if moves else still
         pose_number = np.nan_to_num(np.asarray(columns["pose"], dtype=float), nan=-1.0) if "pose" in columns else None
-        pose = np.zeros(t_s.size, dtype=np.int64) if pose_number is None else pose_number.astype(np.int64)
+        nowhere = np.broadcast_to(np.int64(0), (t_s.size,))
+        pose = nowhere if pose_number is None else pose_number.astype(np.int64)
         return cls.build(
             inc,
             tf,
@@ -170,7 +179,7 @@ class ChainState:
             vibration_z_rms_g=columns.get("vibration_z_rms_g", 0.0),
             since_move_s=still if pose_number is None else since_stop(t_s, pose),
             pose=pose,
-            row_seconds=float(np.median(np.diff(t_s))) if t_s.size > 1 else 1.0,
+            row_seconds=float(np.median(differences(t_s))) if t_s.size > 1 else 1.0,
             gravity_mps2=gravity_mps2,
             latitude_rad=latitude_rad,
             azimuth_rad=azimuth_rad,
@@ -251,26 +260,83 @@ def _gaps(t_s: AnyArray) -> NDArray[np.bool_]:
     return np.asarray(steps > LONG_GAP * np.median(steps))
 
 
+def differences(values: AnyArray) -> AnyArray:
+    """(N - 1,) from each row to the next."""
+    if not is_long(values):
+        return np.diff(values)
+    n = values.shape[-1]
+    return by_runs(values, (n - 1,), lambda part: np.diff(values[part.start : part.stop + 1]))
+
+
 def unwrapped(angle_rad: AnyArray, t_s: AnyArray) -> AnyArray:
     """(N,) an angle without its turns; where rows are missing it goes on at the mean of the rates on both sides."""
-    gaps = _gaps(t_s)
-    if not gaps.any() or gaps.all():
-        return np.unwrap(angle_rad)
-    change, seconds = np.diff(angle_rad), np.diff(t_s)
-    wrapped = np.mod(change + np.pi, 2 * np.pi) - np.pi
-    known = np.flatnonzero(~gaps)
-    rate = wrapped[known] / seconds[known]
-    lost = np.flatnonzero(gaps)
-    after = np.searchsorted(known, lost)
-    about = (rate[np.maximum(after - 1, 0)] + rate[np.minimum(after, known.size - 1)]) / 2 * seconds[lost]
-    wrapped[lost] = about + np.mod(change[lost] - about + np.pi, 2 * np.pi) - np.pi
-    return np.concatenate([angle_rad[:1], angle_rad[0] + np.cumsum(wrapped)])
+    return stored(angle_rad, angle_rad.shape, _unwrapped_runs(angle_rad, t_s))
+
+
+def _unwrapped_runs(angle_rad: AnyArray, t_s: AnyArray) -> Iterator[AnyArray]:
+    """Runs of an angle, with the turns counted: whole numbers, so that no rounding adds up."""
+    n = t_s.shape[-1]
+    usual = float(np.median(differences(t_s))) if n > 1 else 0.0
+    turns, rate = 0.0, np.empty(0)
+    for part in runs_of(n):
+        rows = slice(max(part.start - 1, 0), part.stop)
+        angle, seconds = angle_rad[rows], np.diff(t_s[rows])
+        change = np.diff(angle)
+        wrapped = _shortest(change)
+        lost = seconds > LONG_GAP * usual
+        if lost.any() and not (lost.all() and n == part.stop - part.start):
+            after = slice(part.stop - 1, min(part.stop + 1, n))
+            behind = _shortest(np.diff(angle_rad[after])) / np.diff(t_s[after])
+            wrapped[lost] = _at_mean_rate(change, seconds, lost, (rate, wrapped / seconds, behind))
+        whole = turns + np.cumsum(np.round((wrapped - change) / (2 * np.pi)))
+        if part.start == 0:
+            whole = np.append(0.0, whole)
+            angle = np.append(angle[:1], angle)
+        known = np.flatnonzero(~lost)
+        rate = wrapped[known[-1:]] / seconds[known[-1:]] if known.size else rate
+        turns = float(whole[-1]) if whole.size else turns
+        yield angle[1:] + 2 * np.pi * whole
+
+
+def _shortest(change: AnyArray) -> AnyArray:
+    """A change of an angle without whole turns."""
+    return np.asarray(np.mod(change + np.pi, 2 * np.pi) - np.pi)
+
+
+def _at_mean_rate(
+    change: AnyArray, seconds: AnyArray, lost: NDArray[np.bool_], rates: tuple[AnyArray, AnyArray, AnyArray]
+) -> AnyArray:
+    """Changes over the steps in which rows are missing, at the mean of the rates of the steps beside: of those before
+    the run, in the run and behind it."""
+    before, own, behind = rates
+    every = np.concatenate([before, own, behind])
+    known = np.flatnonzero(~np.concatenate([np.zeros(before.size, bool), lost, np.zeros(behind.size, bool)]))
+    if not known.size:
+        return _shortest(change[lost])
+    place = np.searchsorted(known, np.flatnonzero(lost) + before.size)
+    sides = known[np.maximum(place - 1, 0)], known[np.minimum(place, known.size - 1)]
+    about = (every[sides[0]] + every[sides[1]]) / 2 * seconds[lost]
+    return np.asarray(about + _shortest(change[lost] - about))
 
 
 def slopes(values: AnyArray, t_s: AnyArray) -> AnyArray:
     """(N,) derivative by time: central differences, beside missing rows those of the side that is there."""
+    if is_long(t_s):
+        usual = float(np.median(differences(t_s)))
+
+        def of(part: slice) -> AnyArray:
+            rows = slice(max(part.start - 2, 0), min(part.stop + 2, t_s.shape[-1]))
+            times = t_s[rows]
+            found = _slopes(values[rows], times, np.diff(times) > LONG_GAP * usual)
+            return found[part.start - rows.start : part.stop - rows.start]
+
+        return by_runs(t_s, t_s.shape, of)
+    return _slopes(values, t_s, _gaps(t_s))
+
+
+def _slopes(values: AnyArray, t_s: AnyArray, gaps: NDArray[np.bool_]) -> AnyArray:
+    """Of rows of which some are missing at `gaps` (N - 1,)."""
     found = np.gradient(values, t_s)
-    gaps = _gaps(t_s)
     if gaps.any():
         each = np.diff(values) / np.diff(t_s)
         before, behind = gaps[1:] & ~gaps[:-1], gaps[:-1] & ~gaps[1:]

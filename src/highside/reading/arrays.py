@@ -27,7 +27,8 @@ DAMAGED = (
     OSError,
     ValueError,
 )
-"""what `zipfile` raises over damaged bytes: names that are no UTF-8 and places before the start are ValueErrors"""
+"""what `zipfile` raises over damaged bytes: names that are no UTF-8 and places before the start are ValueErrors, a
+method of compression or a version that it does not know is a NotImplementedError"""
 
 
 def npy_array(data: bytes, *, where: str) -> NDArray[Any]:

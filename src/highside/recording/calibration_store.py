@@ -43,7 +43,8 @@ MIN_ID_PREFIX = 6
 
 @dataclass(frozen=True, slots=True)
 class Activation:
-    """One entry of the history. `action`: "activate" or "rollback"; `undoes`: number that a roll back takes back."""
+    """One entry of the history. `action`: "activate" or "rollback"; `undoes`: number that a roll back takes back;
+    `record_id`: in force from then on, empty where a roll back leaves nothing in force."""
 
     number: int
     tool_id: str
@@ -147,12 +148,17 @@ class CalibrationStore:
         tool_id: str | None = None,
         serial: str | None = None,
         trusted: TrustedKeys | None = None,
+        replaces: tuple[str | None] | None = None,
     ) -> Activation:
         """Put a record in force for its tool, after checking tool, serial, expiry and, where keys are given, the
-        signature. Raises RecordError."""
+        signature; where `replaces` is given, only if that id (None: nothing) is in force. Raises RecordError."""
         verify(record, tool_id=tool_id, serial=serial, now_s=now_s, trusted=trusted)
         self.add(record)
         with self._lock():
+            if replaces is not None and (present := self.active_id(record.tool_id)) != replaces[0]:
+                what = "nothing" if present is None else present[:12]
+                text = f"the store has changed: {what} is in force for tool {record.tool_id!r} now"
+                raise RecordError(RecordReason.NOTHING_BEFORE, text)
             return self._append(record.tool_id, record.id, "activate", now_s, None)
 
     def rollback(
@@ -160,12 +166,14 @@ class CalibrationStore:
     ) -> Activation:
         """Put the record in force that was so before the present one. Raises RecordError where it cannot be, or where
         that is not the one `expected` by whoever asks, or is not signed with a trusted key where keys are given."""
+        self._require_store()
         with self._lock():
             stack = self._stack(tool_id)
             if len(stack) < 2:
-                raise RecordError(
-                    RecordReason.NOTHING_BEFORE, f"tool {tool_id!r} has no earlier calibration in {self.directory}"
-                )
+                text = f"tool {tool_id!r} has no earlier calibration in {self.directory}"
+                if stack:
+                    text += "; to leave it without one: `highside calibrate rollback --to-nothing`, or the bench page"
+                raise RecordError(RecordReason.NOTHING_BEFORE, text)
             present, before = stack[-1], stack[-2]
             if expected is not None and before.record_id != expected:
                 raise RecordError(
@@ -175,11 +183,23 @@ class CalibrationStore:
             verify(self.get(before.record_id), tool_id=tool_id, now_s=now_s, trusted=trusted)
             return self._append(tool_id, before.record_id, "rollback", now_s, present.number)
 
+    def take_out(self, tool_id: str, *, now_s: float, expected: str | None = None) -> Activation:
+        """Take back the only record that was put in force: none is from then on. Raises RecordError where there is
+        none, or an earlier one to go back to, or it is not the one `expected` by whoever asks."""
+        self._require_store()
+        with self._lock():
+            stack = self._stack(tool_id)
+            if len(stack) != 1 or (expected is not None and stack[0].record_id != expected):
+                now = "nothing is in force" if not stack else f"{stack[-1].record_id[:12]} is in force"
+                before = f", and before it {stack[-2].record_id[:12]} was" if len(stack) > 1 else ""
+                raise RecordError(RecordReason.NOTHING_BEFORE, f"{now} for tool {tool_id!r}{before}")
+            return self._append(tool_id, "", "rollback", now_s, stack[0].number)
+
     def active(self, tool_id: str) -> CalibrationRecord:
         """The record in force for a tool. Raises RecordError where there is none or it is damaged."""
         stack = self._stack(tool_id)
         if not stack:
-            others = sorted({a.tool_id for a in self.history()})
+            others = sorted({a.tool_id for a in self.history()} - {tool_id})
             hint = f" (it has one of {', '.join(map(repr, others))})" if others else ""
             reason = RecordReason.WRONG_TOOL if others else RecordReason.NONE_ACTIVE
             raise RecordError(reason, f"{self.directory} has no calibration in force for tool {tool_id!r}{hint}")

@@ -9,7 +9,7 @@ import io
 import os
 import secrets
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from highside.errors import InputError
@@ -32,7 +32,6 @@ def write_whole(path: Path, data: bytes) -> None:
         with gzip.GzipFile(filename="", fileobj=packed, mode="wb", compresslevel=6, mtime=0) as stream:
             stream.write(data)
         data = packed.getvalue()
-    beside: str | None = None
     try:
         if path.is_dir():
             raise InputError("is a directory, not a file", where=str(path))
@@ -40,10 +39,33 @@ def write_whole(path: Path, data: bytes) -> None:
             path.write_bytes(data)
             return
         target = path.resolve()
-        name = str(target.parent / f".{target.name}.{secrets.token_hex(6)}")
-        # the kernel takes the umask off; to read it here would set it for all threads
-        descriptor = os.open(name, os.O_WRONLY | os.O_CREAT | os.O_EXCL | OPEN_FLAGS, 0o666)
-        beside = name
+        with _written_beside(target, data) as beside:
+            _replace(beside, target)
+        flush_directory(target.parent)
+    except OSError as error:
+        raise _not_written(path, error) from None
+
+
+def write_together(folder: Path, contents: Mapping[str, bytes]) -> None:
+    """Files by name, each whole, into a folder that is made; it is flushed once for all of them: when this returns
+    they survive a loss of power, and what is there before then is whole. Raises InputError."""
+    try:
+        make_directory(folder)
+        for name, data in contents.items():
+            with _written_beside(folder / name, data) as beside:
+                _replace(beside, folder / name)
+        flush_directory(folder)
+    except OSError as error:
+        raise _not_written(folder, error) from None
+
+
+@contextlib.contextmanager
+def _written_beside(target: Path, data: bytes) -> Iterator[Path]:
+    """The data in a file beside the target, on the disk; it is removed unless it was renamed. Raises OSError."""
+    name = str(target.parent / f".{target.name}.{secrets.token_hex(6)}")
+    # the kernel takes the umask off; to read it here would set it for all threads
+    descriptor = os.open(name, os.O_WRONLY | os.O_CREAT | os.O_EXCL | OPEN_FLAGS, 0o666)
+    try:
         with os.fdopen(descriptor, "wb") as file:
             file.write(data)
             file.flush()
@@ -51,23 +73,23 @@ def write_whole(path: Path, data: bytes) -> None:
             if (written := os.fstat(file.fileno()).st_size) != len(data):
                 # never put an incomplete file in the place of a whole one, whoever else held the descriptor
                 raise OSError(errno.EIO, f"{written} bytes of {len(data)} arrived")
-        _replace(Path(beside), target)
-        beside = None
-        flush_directory(target.parent)
-    except OSError as error:
-        raise InputError(
-            f"cannot be written: {error.strerror}", where=str(path), remedy="name a place that this user may write"
-        ) from None
-    finally:
-        if beside is not None:
-            with contextlib.suppress(OSError):
-                Path(beside).unlink()
+        yield Path(name)
+    except BaseException:
+        with contextlib.suppress(OSError):
+            Path(name).unlink()
+        raise
+
+
+def _not_written(path: Path, error: OSError) -> InputError:
+    return InputError(
+        f"cannot be written: {error.strerror}", where=str(path), remedy="name a place that this user may write"
+    )
 
 
 def write_folder(folder: Path, texts: Mapping[str, str]) -> None:
     """Files by name, whole, into a folder that is made. Raises InputError."""
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        make_directory(folder)
     except OSError as error:
         raise InputError(f"cannot be made: {error.strerror}", where=str(folder)) from None
     for name, text in texts.items():

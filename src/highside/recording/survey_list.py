@@ -82,7 +82,11 @@ def list_of(kept: KeptSurveys, depths: Path | None, azimuths: Path | None, *, se
     """The list. `sensor_offset_m`: how far the sensor is behind the depth that the table gives (the bit's).
 
     Raises InputError for a table without what joins it, and where no survey has a depth."""
+    # what a file holds beside surveys is lost to every list that is made of it
     left: Counter[str] = Counter()
+    for reason, count in (("no survey", kept.damaged_lines), ("repeats a survey", kept.repeated)):
+        if count:
+            left[reason] = count
     stations: list[tuple[float, float, float, KeptSurvey]] = []
     md_of = None if depths is None else _Join(depths, "md_m", ("seq", "t"))
     azi_of = None if azimuths is None else _Join(azimuths, "azi_deg", ("seq", "t", "md_m"))

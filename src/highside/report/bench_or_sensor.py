@@ -25,6 +25,7 @@ from highside.physics.forward import ForwardModel
 from highside.physics.state import ChainState
 from highside.units import STANDARD_GRAVITY_MPS2
 from highside.version import __version__
+from highside.words import Said, said, said_later
 
 FREE = ("bias", "scale", "misalignment")
 """What a calibration fits anyway."""
@@ -33,14 +34,14 @@ POSES_APART_S = 60.0
 """A pose table knows no times; the poses stand in their order."""
 
 _WHERE = {
-    Stage.POSE: "bench",
+    Stage.POSE: said_later("bench"),
     Stage.GRAVITY: "bench",
-    Stage.MOUNTING: "clamping",
-    Stage.SENSOR: "sensor",
+    Stage.MOUNTING: said_later("clamping"),
+    Stage.SENSOR: said_later("sensor"),
     Stage.THERMAL: "sensor",
-    Stage.KINEMATIC: "motion",
-    Stage.TIMING: "acquisition",
-    Stage.NOISE: "noise",
+    Stage.KINEMATIC: said_later("motion"),
+    Stage.TIMING: said_later("acquisition"),
+    Stage.NOISE: said_later("noise"),
     Stage.DIGITAL: "acquisition",
 }
 
@@ -76,8 +77,15 @@ def bench_or_sensor(columns: PoseColumns, joint: Solution | None, *, gravity_mps
             effect = effects[claim.effect]
             sizes = ", ".join(f"{name} = {p.value:.3g} ± {p.std:.1g} {p.unit}" for name, p in claim.parameters.items())
             alike = [name for name in claim.equivalence_class if name != claim.effect]
-            alternatives = f"; cannot be distinguished from {', '.join(alike)} here" if alike else ""
-            found.append(ErrorOrigin(_WHERE[effect.stage], f"{effect.title}: {sizes}{alternatives}"))
+            one = {"effect": Said(effect.title), "sizes": sizes}
+            text = said("%(effect)s: %(sizes)s", **one)
+            if alike:
+                text = said(
+                    "%(effect)s: %(sizes)s; cannot be distinguished from %(others)s here",
+                    **one,
+                    others=", ".join(alike),
+                )
+            found.append(ErrorOrigin(_WHERE[effect.stage], text))
     return Findings(_answer(found, diagnosis, why_not), tuple(found), diagnosis, report_data, why_not)
 
 
@@ -86,22 +94,24 @@ def bench_findings(joint: Solution) -> list[ErrorOrigin]:
     result = joint.result
     parameters = result.main.parameters
     out = []
-    for name, words in (("tilt_x", "in the plane of inclination"), ("tilt_y", "across it")):
+    for name, words in (("tilt_x", said("in the plane of inclination")), ("tilt_y", said("across it"))):
         if name not in parameters:
             continue
         value, std = math.degrees(parameters.get(name)), math.degrees(parameters.std(name))
         if abs(value) > SIGNIFICANT * std:
-            out.append(ErrorOrigin("bench", f"it is not level: tilt {value:+.4f} ± {std:.4f} deg {words}; taken off"))
+            tilt = {"tilt": f"{value:+.4f} ± {std:.4f}", "where": words}
+            out.append(ErrorOrigin("bench", said("it is not level: tilt %(tilt)s deg %(where)s; taken off", **tilt)))
     spread = {
-        "station_inc_rad": "settings of inclination (common to an inclination station)",
-        "station_tf_rad": "settings of toolface (the encoder, station by station)",
-        "pose_inc_rad": "inclination from pose to pose",
-        "pose_tf_rad": "toolface from pose to pose",
+        "station_inc_rad": said("settings of inclination (common to an inclination station)"),
+        "station_tf_rad": said("settings of toolface (the encoder, station by station)"),
+        "pose_inc_rad": said("inclination from pose to pose"),
+        "pose_tf_rad": said("toolface from pose to pose"),
     }
     for name, words in spread.items():
         value = math.degrees(float(result.variance.get(name, 0.0)))
         if value > 0.01:
-            out.append(ErrorOrigin("bench", f"{words} scatter by {value:.4f} deg (one standard deviation)"))
+            text = said("%(what)s scatter by %(size)s deg (one standard deviation)", what=words, size=f"{value:.4f}")
+            out.append(ErrorOrigin("bench", text))
     return out
 
 
@@ -109,13 +119,17 @@ def _diagnose(
     columns: PoseColumns, gravity_mps2: float | None
 ) -> tuple[DiagnosisResult | None, ReportData | None, str]:
     if "inc_ref_deg" not in columns:
-        return None, None, "the poses have no reference attitude"
+        return None, None, said("the poses have no reference attitude")
     count = len(columns["ax"])
     if count < POSE_SESSIONS.min_poses:
         return (
             None,
             None,
-            f"{count} poses are too few to tell bench and sensor apart (at least {POSE_SESSIONS.min_poses})",
+            said(
+                "%(count)s poses are too few to tell bench and sensor apart (at least %(least)s)",
+                count=count,
+                least=POSE_SESSIONS.min_poses,
+            ),
         )
     table = {
         name: np.asarray(columns[name], dtype=float)
@@ -138,20 +152,22 @@ def _diagnose(
 def _answer(found: list[ErrorOrigin], diagnosis: DiagnosisResult | None, why_not: str) -> str:
     places = {finding.where for finding in found}
     if diagnosis is None:
-        not_searched = f" Effects were not searched for: {why_not}."
-        return (
-            "The bench: see what the calibration found of it." if "bench" in places else "Nothing stands out."
-        ) + not_searched
+        why = why_not if isinstance(why_not, Said) else str(why_not)
+        if "bench" in places:
+            return said(
+                "The bench: see what the calibration found of it. Effects were not searched for: %(why)s.", why=why
+            )
+        return said("Nothing stands out. Effects were not searched for: %(why)s.", why=why)
     if places == {"bench"}:
-        return "It is the bench: what was found beyond the plain sensor belongs to it."
+        return said("It is the bench: what was found beyond the plain sensor belongs to it.")
     if places == {"sensor"}:
-        return "It is the sensor: what was found beyond scale, misalignment and offset belongs to it."
+        return said("It is the sensor: what was found beyond scale, misalignment and offset belongs to it.")
+    if len(places) > 1:
+        fields = {place: Said(place) for place in sorted(places)}
+        named = Said(", ".join(f"%({place})s" for place in fields), fields)
+        return said("Found in more than one place: %(places)s.", places=named)
     if places:
-        return (
-            f"Found in more than one place: {', '.join(sorted(places))}."
-            if len(places) > 1
-            else (f"It is neither bench nor sensor: {places.pop()}.")
-        )
+        return said("It is neither bench nor sensor: %(place)s.", place=Said(places.pop()))
     if diagnosis.verdict == "nothing_left_out":
-        return "Neither: sensor and bench are as the plain model has them, to within the noise."
-    return "Something is left that has no name here: neither bench nor sensor can be blamed."
+        return said("Neither: sensor and bench are as the plain model has them, to within the noise.")
+    return said("Something is left that has no name here: neither bench nor sensor can be blamed.")

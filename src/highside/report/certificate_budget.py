@@ -21,8 +21,10 @@ from highside.calibration.method import Solution
 from highside.calibration.record import CalibrationRecord
 from highside.config.certificate import CertificateFields
 from highside.physics.gravity import gravity_direction
+from highside.words import said, said_later
 
 K = 2.0
+NORMAL, RECTANGULAR = said_later("normal"), said_later("rectangular")
 UNIFORM_DEG = math.degrees(UNIFORM_ANGLE_STD_RAD)
 
 
@@ -93,10 +95,10 @@ def budget_at(record: CalibrationRecord, fields: CertificateFields, inclination_
     noise, use = result.reading_noise_g, fields.use
     sources = [
         BudgetLine(
-            "Parameters of the correction",
+            said("Parameters of the correction"),
             "A",
-            f"covariance of {result.main.parameters.estimated} parameters",
-            "normal",
+            said("covariance of %(count)s parameters", count=result.main.parameters.estimated),
+            NORMAL,
             "1",
             float(stated.inc_std_deg[0]),
             float(stated.tf_std_deg[0]),
@@ -105,13 +107,13 @@ def budget_at(record: CalibrationRecord, fields: CertificateFields, inclination_
         ),
         _of_vector(
             inc,
-            "Noise of the indication",
+            said("Noise of the indication"),
             "A",
-            f"{1e6 * noise:.1f} ug, mean of {use.readings}",
-            "normal",
+            said("%(noise)s µg, mean of %(count)s", noise=f"{1e6 * noise:.1f}", count=use.readings),
+            NORMAL,
             f"√{use.readings}",
             noise / math.sqrt(use.readings),
-            "of a reading at rest, as measured in the poses",
+            said("of a reading at rest, as measured in the poses"),
         ),
     ]
     sources += [*_lines_of_bench(fields), *_lines_of_use(fields, inc)]
@@ -121,15 +123,15 @@ def budget_at(record: CalibrationRecord, fields: CertificateFields, inclination_
     if gravity is not None:
         sources.append(
             BudgetLine(
-                "Local gravity",
+                said("Local gravity"),
                 "B",
                 f"{gravity:g} m/s²",
-                "normal",
+                NORMAL,
                 "1",
                 0.0,
                 0.0,
                 math.inf,
-                "I and T follow from directions: sensitivity 0",
+                said("I and T follow from directions: sensitivity 0"),
             )
         )
     return UncertaintyBudget(inclination_deg, tuple(sources))
@@ -158,22 +160,20 @@ def _lines_of_bench(fields: CertificateFields) -> list[BudgetLine]:
         inc_u, tf_u = bench.inc_expanded_deg or 0.0, bench.tf_expanded_deg or 0.0
         sources.append(
             BudgetLine(
-                "Calibration of the bench",
+                said("Calibration of the bench"),
                 "B",
-                f"U = {inc_u:g} deg (I), {tf_u:g} deg (T)",
-                "normal",
+                f"U = {inc_u:g}° (I), {tf_u:g}° (T)",
+                NORMAL,
                 "2",
                 inc_u / 2.0,
                 tf_u / 2.0,
                 math.inf,
-                "taken as common to all poses: no averaging",
+                said("taken as common to all poses: no averaging"),
             )
         )
     if use.toolface_zero_deg is not None:
-        value = f"{use.toolface_zero_deg:g} deg"
-        sources.append(
-            BudgetLine("Toolface zero of the clamping", "B", value, "normal", "1", 0.0, use.toolface_zero_deg, math.inf)
-        )
+        name, value = said("Toolface zero of the clamping"), f"{use.toolface_zero_deg:g}°"
+        sources.append(BudgetLine(name, "B", value, NORMAL, "1", 0.0, use.toolface_zero_deg, math.inf))
     return sources
 
 
@@ -185,29 +185,34 @@ def _lines_of_use(fields: CertificateFields, inc: float) -> list[BudgetLine]:
         sources.append(
             _of_vector(
                 inc,
-                "Offset from power-up to power-up",
+                said("Offset from power-up to power-up"),
                 "B",
-                f"{1e6 * use.turn_on_g:.0f} ug",
-                "normal",
+                f"{1e6 * use.turn_on_g:.0f} µg",
+                NORMAL,
                 "1",
                 use.turn_on_g,
             )
         )
     if use.step_g is not None:
         step = use.step_g / (2.0 * math.sqrt(3.0))
-        sources.append(_of_vector(inc, "Resolution", "B", f"{1e6 * use.step_g:.2f} ug", "rectangular", "2√3", step))
+        value = f"{1e6 * use.step_g:.2f} µg"
+        sources.append(_of_vector(inc, said("Resolution"), "B", value, RECTANGULAR, "2√3", step))
     if use.offset_g_per_c is not None and use.temp_half_width_c is not None:
         half = use.offset_g_per_c * use.temp_half_width_c
-        value = f"{1e6 * use.offset_g_per_c:.1f} ug/°C, ±{use.temp_half_width_c:g} °C"
-        sources.append(_of_vector(inc, "Temperature of use", "B", value, "rectangular", "√3", half / math.sqrt(3.0)))
+        value = f"{1e6 * use.offset_g_per_c:.1f} µg/°C, ±{use.temp_half_width_c:g} °C"
+        name = said("Temperature of use")
+        sources.append(_of_vector(inc, name, "B", value, RECTANGULAR, "√3", half / math.sqrt(3.0)))
     return sources
 
 
 def _inside(record: CalibrationRecord) -> str:
     """What the covariance of the parameters holds."""
     if record.result.frame == "gravity":
-        return "holds reading noise of the poses, scatter of the bench's settings, and its tilt as estimated"
-    return "holds reading noise of the poses, scatter of the bench's settings, and its tilt (0.05 deg, not estimated)"
+        return said("holds reading noise of the poses, scatter of the bench's settings, and its tilt as estimated")
+    return said(
+        "holds reading noise of the poses, scatter of the bench's settings, and its tilt (%(tilt)s deg, not estimated)",
+        tilt="0.05",
+    )
 
 
 def _thermometer(record: CalibrationRecord, fields: CertificateFields, inc: float, expanded_c: float) -> BudgetLine:
@@ -215,7 +220,7 @@ def _thermometer(record: CalibrationRecord, fields: CertificateFields, inc: floa
     u = expanded_c / 2.0
     main = record.result.main
     span = main.temperature
-    value, note = f"U = {expanded_c:g} °C", ""
+    value = f"U = {expanded_c:g} °C"
     slope = 0.0
     if span is not None and main.max_power():
         middle = 0.5 * (span.min_c + span.max_c)
@@ -224,11 +229,12 @@ def _thermometer(record: CalibrationRecord, fields: CertificateFields, inc: floa
         raw = main.model(middle).forward(g)
         moved = main.model(middle + 0.5).correct(raw) - main.model(middle - 0.5).correct(raw)
         slope = float(np.sqrt((moved**2).sum(axis=0)).max())
-        note = f"{1e6 * slope:.1f} ug/°C by the record's own polynomials"
+        note = said("%(slope)s µg/°C by the record's own polynomials", slope=f"{1e6 * slope:.1f}")
     elif fields.use.offset_g_per_c is not None:
         slope = fields.use.offset_g_per_c
-        note = "with the stated change of offset"
+        note = said("with the stated change of offset")
     else:
-        note = "the record does not depend on temperature: sensitivity 0"
+        note = said("the record does not depend on temperature: sensitivity 0")
     tf_deg = min(math.degrees(u * slope) / max(math.sin(inc), 1e-12), UNIFORM_DEG)
-    return BudgetLine("Thermometer", "B", value, "normal", "2", math.degrees(u * slope), tf_deg, math.inf, note)
+    name = said("Thermometer")
+    return BudgetLine(name, "B", value, NORMAL, "2", math.degrees(u * slope), tf_deg, math.inf, note)

@@ -12,10 +12,11 @@ from highside.calibration.record import CalibrationRecord, pose_set
 from highside.calibration.verification import Verification, tilt_of, verify_poses
 from highside.report.certificate_inputs import Inputs
 from highside.report.document import Sheets
+from highside.words import _, said, told
 
-RULE = (
+RULE = said(
     "Decision rule: guarded acceptance, guard band w = U (k = 2). Pass where |error| + U is within the limit, fail"
-    " where |error| - U is beyond it, undecided between; the probability of a wrong pass, or of a wrong fail, is 2.3 %"
+    " where |error| - U is beyond it, undecided between; the probability of a wrong pass, or of a wrong fail, is 2.3 %%"
     " at most for each comparison."
 )
 
@@ -31,25 +32,35 @@ class Verified:
 
 def conformity(out: Sheets, inputs: Inputs) -> None:
     record, decision = inputs.record, inputs.fields.decision
-    out.heading("As found, as left")
+    out.heading(_("As found, as left"))
     if decision is None:
         out.paragraph(
-            "No limits of error were stated: no statement of conformity is made. What the poses show before and after"
-            " the calibration is in the table of methods."
+            _(
+                "No limits of error were stated: no statement of conformity is made. What the poses show before and"
+                " after the calibration is in the table of methods."
+            )
         )
         return
-    agreed = f", agreed with {decision.agreed_with}" if decision.agreed_with else ""
-    out.paragraph(f"Limits of error: I {decision.limit_inc_deg:g} deg, T {decision.limit_tf_deg:g} deg{agreed}. {RULE}")
+    limits = {"inc": f"{decision.limit_inc_deg:g}", "tf": f"{decision.limit_tf_deg:g}", "who": decision.agreed_with}
+    stated = (
+        _("Limits of error: I %(inc)s deg, T %(tf)s deg, agreed with %(who)s.", **limits)
+        if decision.agreed_with
+        else _("Limits of error: I %(inc)s deg, T %(tf)s deg.", **limits)
+    )
+    out.paragraph(f"{stated} {told(RULE)}")
     found = as_found(inputs)
     if found is None:
-        out.paragraph("As found: not assessed, no earlier calibration of the item was presented.")
+        out.paragraph(_("As found: not assessed, no earlier calibration of the item was presented."))
     else:
-        _verified(out, "As found", found)
+        _verified(out, _("As found"), found)
     left = as_left(inputs)
     if left is None:
-        out.paragraph(f"As left: not assessed, record {record.id[:12]} has no poses with a reference attitude.")
+        short = record.id[:12]
+        out.paragraph(
+            _("As left: not assessed, record %(record)s has no poses with a reference attitude.", record=short)
+        )
     else:
-        _verified(out, "As left", left)
+        _verified(out, _("As left"), left)
 
 
 def as_found(inputs: Inputs) -> Verified | None:
@@ -57,27 +68,27 @@ def as_found(inputs: Inputs) -> Verified | None:
     if inputs.previous is None:
         return None
     poses = inputs.as_found_poses
-    what = f"record {inputs.previous.id[:12]} of {inputs.previous.content['created'][:10]}"
+    known = {"record": inputs.previous.id[:12], "date": inputs.previous.content["created"][:10]}
     if poses is not None:
-        return Verified(
-            _verify(inputs, inputs.previous, poses), f"{what}, at {len(poses)} poses of a verification", True
-        )
+        what = said("record %(record)s of %(date)s, at %(count)s poses of a verification", count=len(poses), **known)
+        return Verified(_verify(inputs, inputs.previous, poses), what, True)
     poses = _own_poses(inputs.record)
     if poses is None:
         return None
-    return Verified(_verify(inputs, inputs.previous, poses), f"{what}, at the {len(poses)} poses of this session", True)
+    what = said("record %(record)s of %(date)s, at the %(count)s poses of this session", count=len(poses), **known)
+    return Verified(_verify(inputs, inputs.previous, poses), what, True)
 
 
 def as_left(inputs: Inputs) -> Verified | None:
     """The new calibration judged at poses of a verification, or at its own."""
     poses = inputs.as_left_poses
     if poses is not None:
-        what = f"this record, at {len(poses)} poses of a verification"
+        what = said("this record, at %(count)s poses of a verification", count=len(poses))
         return Verified(_verify(inputs, inputs.record, poses), what, True)
     poses = _own_poses(inputs.record)
     if poses is None:
         return None
-    what = f"this record, at the {len(poses)} poses that it was made from"
+    what = said("this record, at the %(count)s poses that it was made from", count=len(poses))
     return Verified(_verify(inputs, inputs.record, poses), what, False)
 
 
@@ -104,11 +115,13 @@ def _verify(inputs: Inputs, judged: CalibrationRecord, poses: PoseSet) -> Verifi
 
 def _verified(out: Sheets, title: str, one: Verified) -> None:
     found = one.found
-    out.paragraph(f"{title} ({one.what}). {found.text}", look="verdict")
+    out.paragraph(f"{title} ({told(one.what)}). {told(found.text)}", look="verdict")
     if not one.independent:
         out.paragraph(
-            "These poses took part in the calibration: that they agree with it shows that the session is consistent,"
-            " and is no independent proof of accuracy."
+            _(
+                "These poses took part in the calibration: that they agree with it shows that the session is"
+                " consistent, and is no independent proof of accuracy."
+            )
         )
     inc = [pose.inc for pose in found.poses if pose.inc is not None]
     tf = [pose.tf for pose in found.poses if pose.tf is not None]
@@ -119,7 +132,7 @@ def _verified(out: Sheets, title: str, one: Verified) -> None:
             count = [sum(j.verdict == v for j in judged) for v in ("pass", "undecided", "fail")]
             rows.append([name, f"{worst.error:+.4f}", f"{2.0 * worst.std:.4f}", f"{worst.limit:g}", *map(str, count)])
     out.table(
-        ["", "largest error, deg", "its U (k = 2)", "limit", "pass", "undecided", "fail"],
+        ["", _("largest error, deg"), _("its U (k = 2)"), _("limit"), _("pass"), _("undecided"), _("fail")],
         rows,
         words=(0,),
     )

@@ -5,17 +5,20 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from highside.bench.photographs import Found
 from highside.calibration.poses import PoseSet
 from highside.calibration.record import CalibrationRecord
 from highside.config.certificate import CertificateFields
+from highside.words import _, said_later
 
-NOT_STATED = "not stated"
+NOT_STATED = said_later("not stated")
 
 
 @dataclass(frozen=True, slots=True)
 class Inputs:
     """All that a certificate rests on. `previous`: the record in force before; `as_found_poses`, `as_left_poses`: poses
-    measured for a verification; without them the poses of the calibration itself are used, and that is said."""
+    measured for a verification; without them the poses of the calibration itself are used, and that is said.
+    `photographs`: of the session, for the annex."""
 
     record: CalibrationRecord
     fields: CertificateFields
@@ -23,6 +26,12 @@ class Inputs:
     previous: CalibrationRecord | None = None
     as_found_poses: PoseSet | None = None
     as_left_poses: PoseSet | None = None
+    photographs: tuple[Found, ...] = ()
+
+
+def or_not_stated(text: str | None) -> str:
+    """What was stated, or that nothing was."""
+    return text or _(NOT_STATED)
 
 
 def degrees(value: float) -> str:

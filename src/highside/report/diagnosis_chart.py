@@ -10,6 +10,7 @@ from highside.diagnosis.table.engine import SummaryReportData
 from highside.report.diagnosis_figures import AFTER, BEFORE, CELL_TITLES, FEW, unit_of
 from highside.shown.panel import Look, PlotLine, PlotPanel
 from highside.shown.plot import Plot
+from highside.words import _
 
 __all__ = ["misfit_chart"]
 
@@ -21,15 +22,16 @@ def misfit_chart(data: ReportData | SummaryReportData, title: str) -> Plot:
 
 def _of_rows(data: ReportData) -> tuple[PlotPanel, ...]:
     t = np.asarray(data.session.state.t_s, dtype=float)
+    residual = _("residual")
     look: Look = "points" if t.size <= FEW else "line"
     panels = []
     for channel, name in enumerate(data.channels):
         size, unit = unit_of(data, channel)
         lines = (
-            PlotLine("before", size * data.before[channel], None, look, BEFORE),
-            PlotLine("with the claims", size * data.after[channel], None, look, AFTER),
+            PlotLine(_("before"), size * data.before[channel], None, look, BEFORE),
+            PlotLine(_("with the claims"), size * data.after[channel], None, look, AFTER),
         )
-        panels.append(PlotPanel(t, lines, "time, s", f"{name}, residual, {unit}".rstrip(", ")))
+        panels.append(PlotPanel(t, lines, _("time, s"), f"{name}, {residual}, {unit}".rstrip(", ")))
     return tuple(panels)
 
 
@@ -39,11 +41,11 @@ def _of_table(data: SummaryReportData) -> tuple[PlotPanel, ...]:
         PlotPanel(
             data.inc_deg[order],
             (
-                PlotLine("before", data.before[order, column], None, "points", BEFORE),
-                PlotLine("with the claims", data.after[order, column], None, "points", AFTER),
+                PlotLine(_("before"), data.before[order, column], None, "points", BEFORE),
+                PlotLine(_("with the claims"), data.after[order, column], None, "points", AFTER),
             ),
-            "inclination, deg",
-            f"{CELL_TITLES[cell]}, sigma",
+            _("inclination, deg"),
+            f"{_(CELL_TITLES[cell])}, sigma",
         )
         for column, cell in enumerate(CELLS)
     )

@@ -9,9 +9,9 @@ from collections.abc import Mapping, Sequence
 
 from highside.diagnosis.core.result import Claim, DiagnosisResult
 from highside.physics.covariates import covariate
-from highside.physics.effects import title_of
 from highside.physics.places import PLACES
-from highside.report.diagnosis_words import sizes
+from highside.report.diagnosis_words import effect_name, sizes, within_sentence
+from highside.words import _, from_to, said_later, told
 
 __all__ = [
     "claim_size",
@@ -28,20 +28,24 @@ LAW = "law"
 """What the name of a claim begins with that is no effect of the library."""
 PRACTICALLY_CERTAIN, VERY_SURE, SURE = 1e-9, 1e-4, 1e-2
 """Probabilities by chance below which a claim is called so; family-wise over all that was tried. Words of this page."""
+SHOWN = 3
+"""Claims, at most, that the first sentence lists."""
+ALTERNATIVES = 4
+"""Covariates, at most, that are listed of the laws of one place that cannot be told apart."""
 PLACE_WORDS = {
-    "offset": "an offset of {}",
-    "scale": "a scale factor error of {}",
-    "scale_all": "a scale factor error common to all channels",
-    "matrix": "a cross-coupling into {}",
-    "inclination": "an error of the inclination given",
-    "toolface": "an error of the toolface given",
-    "timing": "an error of the time stamps",
-    "level": "a lean of the bench",
+    "offset": said_later("an offset of {}"),
+    "scale": said_later("a scale factor error of {}"),
+    "scale_all": said_later("a scale factor error common to all channels"),
+    "matrix": said_later("a cross-coupling into {}"),
+    "inclination": said_later("an error of the reference inclination"),
+    "toolface": said_later("an error of the reference toolface"),
+    "timing": said_later("an error of the time stamps"),
+    "level": said_later("a tilt of the bench"),
     "gyro_offset": "an offset of {}",
     "gyro_scale": "a scale factor error of {}",
     "channel_offset": "an offset of {}",
-    "channel_factor": "a factor of {}",
-    "channel_delay": "a delay of {}",
+    "channel_factor": said_later("a factor of {}"),
+    "channel_delay": said_later("a delay of {}"),
 }
 """Where a law acts (names of `physics.places`), in words."""
 
@@ -54,8 +58,8 @@ def is_law(claim: Claim) -> bool:
 def claim_title(claim: Claim) -> str:
     """A claim's name in words: the title of an effect, or what a law does and follows."""
     if not is_law(claim):
-        return title_of(claim.effect)
-    return f"Unnamed: {law_words(claim)}"
+        return effect_name(claim.effect)
+    return _("Unnamed: %(law)s", law=law_words(claim))
 
 
 def law_words(claim: Claim) -> str:
@@ -65,26 +69,38 @@ def law_words(claim: Claim) -> str:
 
 def title_of_any(name: str) -> str:
     """The title of an effect, or of a law by its id (`law:PLACE_CHANNELS_COVARIATE_x_COVARIATE`) what it does."""
-    if not name.startswith(f"{LAW}:"):
-        return title_of(name).lower()
+    parts = _of_law(name)
+    if parts is None:
+        return name if name.startswith(f"{LAW}:") else within_sentence(effect_name(name))
+    words, follows = parts
+    return _("%(law)s that follows %(what)s", law=words, what=follows)
+
+
+def _of_law(name: str) -> tuple[str, str] | None:
+    """Of the id of a law, where it acts and what it follows, in words; None: it is not the id of a law."""
     rest = name.removeprefix(f"{LAW}:")
     place = next((one for one in sorted(PLACES, key=len, reverse=True) if rest.startswith(f"{one}_")), "")
     channels, _, follows = rest.removeprefix(f"{place}_").partition("_")
-    if not place or not follows:
-        return name
-    triad = PLACES[place].triad and len(channels) == 1
-    shown = (f"{'g' if place.startswith('gyro') else 'a'}{channels}",) if triad else (channels,)
-    return _law_words(place, shown, follows.split("_x_"))
+    if rest == name or not place or not follows:
+        return None
+    letter = "g" if place.startswith("gyro") else "a"
+    shown = [letter + axis for axis in channels] if PLACES[place].triad else [channels]
+    return _place_words(place, shown), follows_words(follows.split("_x_"))
+
+
+def _place_words(place: str, channels: Sequence[str]) -> str:
+    known = PLACE_WORDS.get(place)
+    return _(known).format(", ".join(channels)) if known else _("something on %(place)s", place=place)
 
 
 def _law_words(place: str, channels: Sequence[str], depends_on: Sequence[str]) -> str:
-    words = PLACE_WORDS.get(place, f"something on {place}").format(", ".join(channels))
-    return f"{words} that follows {follows_words(depends_on)}" if depends_on else words
+    words = _place_words(place, channels)
+    return _("%(law)s that follows %(what)s", law=words, what=follows_words(depends_on)) if depends_on else words
 
 
 def follows_words(depends_on: Sequence[str]) -> str:
     """Covariates of a law in words."""
-    return " and ".join(covariate(name).title for name in depends_on)
+    return _(" and ").join(told(covariate(name).title) for name in depends_on)
 
 
 def claim_size(claim: Claim) -> str:
@@ -92,36 +108,58 @@ def claim_size(claim: Claim) -> str:
     if claim.curve is None or not claim.curve.value:
         return sizes(claim)
     over = "; ".join(
-        f"{covariate(name).title} {low:.3g} to {high:.3g} {covariate(name).unit}".rstrip()
+        f"{told(covariate(name).title)} {from_to(f'{low:.3g}', f'{high:.3g}')} {covariate(name).unit}".rstrip()
         for name, (low, high) in zip(claim.depends_on, claim.range, strict=False)
     )
-    return sizes(claim) + (f", over {over}" if over else "")
+    return sizes(claim) + (_(", over %(range)s", range=over) if over else "")
 
 
 def likelihood(claim: Claim) -> str:
     """How sure a claim is, in words and as the probability by chance."""
     p = claim.p_familywise
     word = (
-        "practically certain"
+        _("practically certain")
         if p < PRACTICALLY_CERTAIN
-        else "very sure"
+        else _("very sure")
         if p < VERY_SURE
-        else "sure"
+        else _("sure")
         if p < SURE
-        else "probable"
+        else _("probable")
     )
-    chance = "less than 1 in 10^12" if p < 1e-12 else f"{p:.0e}"
-    return f"{word} (by chance: {chance})" + ("; its size changes over the session" if claim.stable is False else "")
+    chance = _("less than 1 in 10^12") if p < 1e-12 else f"{p:.0e}"
+    words = _("%(word)s (by chance: %(chance)s)", word=word, chance=chance)
+    return words + (_("; its size changes over the session") if claim.stable is False else "")
 
 
 def confounded(claim: Claim) -> str:
     """What this recording cannot tell a claim apart from, or that there is nothing."""
-    others = [title_of_any(name) for name in claim.equivalence_class if name != claim.effect]
+    others = [name for name in claim.equivalence_class if name != claim.effect]
     if others:
-        return f"this OR {' OR '.join(others)}"
+        return _("this, or %(others)s", others=_("; or ").join(_by_place(claim, others)))
     if claim.resembles:
-        return f"resembles {', '.join(title_of_any(name) for name in claim.resembles)}, which fits worse"
-    return "no other known effect fits as well"
+        names = ", ".join(title_of_any(name) for name in claim.resembles)
+        return _("resembles %(names)s, which fits worse", names=names)
+    return _("no other known effect fits as well")
+
+
+def _by_place(claim: Claim, names: Sequence[str]) -> list[str]:
+    """Effects and laws in words, laws of one place together; that of the claim itself first."""
+    own = _place_words(claim.place, claim.channels) if is_law(claim) else ""
+    follow: dict[str, list[str]] = {}
+    named: list[str] = []
+    for name in names:
+        if (parts := _of_law(name)) is None:
+            named.append(title_of_any(name))
+        else:
+            follow.setdefault(parts[0], []).append(parts[1])
+    laws = []
+    for words in sorted(follow, key=lambda one: one != own):
+        listed = follow[words][:ALTERNATIVES]
+        more = len(follow[words]) - len(listed)
+        shown = _(", or ").join([*listed, *([_("%(count)s more", count=more)] if more else [])])
+        same = _("the same following %(what)s", what=shown)
+        laws.append(same if words == own else _("%(law)s that follows %(what)s", law=words, what=shown))
+    return named + laws
 
 
 def ordered(claims: Sequence[Claim], shares: Mapping[str, float]) -> list[Claim]:
@@ -135,7 +173,14 @@ def claims_table(claims: Sequence[Claim], shares: Mapping[str, float]) -> tuple[
         [claim_title(claim), claim_size(claim), _percent(_share(claim, shares)), likelihood(claim), confounded(claim)]
         for claim in ordered(claims, shares)
     ]
-    return ["what", "size (95 % interval)", "share of the misfit", "how sure", "or else"], rows
+    headers = [
+        _("what"),
+        _("size (95 %% interval)") % {},
+        _("share of the misfit"),
+        _("how sure"),
+        _("not told apart from"),
+    ]
+    return headers, rows
 
 
 def first_sentence(diagnosis: DiagnosisResult, shares: Mapping[str, float], words: str) -> str:
@@ -145,22 +190,29 @@ def first_sentence(diagnosis: DiagnosisResult, shares: Mapping[str, float], word
         return words
     omitted: list[str] = []
     resized: list[str] = []
-    for claim in ordered(diagnosis.claims, shares):
+    sorted_claims = ordered(diagnosis.claims, shares)
+    # the table has them all: a sentence that lists ten is none
+    shown = sorted_claims if len(sorted_claims) <= SHOWN + 1 else sorted_claims[:SHOWN]
+    for claim in shown:
         share = _share(claim, shares)
         title = law_words(claim) if is_law(claim) else claim_title(claim)
-        part = (title[0].lower() + title[1:]) + (f" ({_percent(share)} of the misfit)" if share > 0 else "")
+        part = within_sentence(title, first=True)
+        part += " " + _("(%(share)s of the misfit)", share=_percent(share)) if share > 0 else ""
         (resized if claim.simulated else omitted).append(part)
-    does = [f"omits {_listed(omitted)}"] if omitted else []
-    does += [f"has {_listed(resized)} at another size"] if resized else []
+    does = [_("omits %(what)s", what=_listed(omitted))] if omitted else []
+    does += [_("has %(what)s at another size", what=_listed(resized))] if resized else []
+    if len(shown) < len(sorted_claims):
+        does.append(_("%(count)s smaller things", count=len(sorted_claims) - len(shown)))
     rest = {
-        "named_plus": ", and something more",
-        "implausible_fit": ", at sizes that are not plausible",
+        "named_plus": _(", and something more"),
+        "implausible_fit": _(", at sizes that are not plausible"),
     }.get(diagnosis.verdict, "")
-    return f"The simulation {', and '.join(does)}{rest}."
+    said = _listed(does) if len(does) > 2 else _(", and ").join(does)
+    return _("The simulation %(does)s%(rest)s.", does=said, rest=rest)
 
 
 def _listed(parts: Sequence[str]) -> str:
-    return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} and {parts[-1]}"
+    return parts[0] if len(parts) == 1 else ", ".join(parts[:-1]) + _(" and ") + parts[-1]
 
 
 def covariate_label(claim: Claim) -> str:
@@ -168,14 +220,15 @@ def covariate_label(claim: Claim) -> str:
     if not claim.depends_on:
         return ""
     one = covariate(claim.depends_on[0])
-    return f"{one.title}, {one.unit}".rstrip(", ")
+    return f"{told(one.title)}, {one.unit}".rstrip(", ")
 
 
 def _share(claim: Claim, shares: Mapping[str, float]) -> float:
-    return claim.share if claim.share is not None else shares.get(claim.effect, 0.0)
+    """Of the misfit where it is known, else of what is explained."""
+    return shares.get(claim.effect, claim.share or 0.0)
 
 
 def _percent(share: float) -> str:
     if share <= 0.0:
         return "-"
-    return "less than 1 %" if share < 0.005 else f"{min(share, 1.0):.0%}"
+    return _("less than 1 %%") % {} if share < 0.005 else f"{min(share, 1.0):.0%}"

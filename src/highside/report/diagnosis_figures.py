@@ -18,8 +18,9 @@ from highside.physics.covariates import COVARIATES
 from highside.physics.covariates import covariate as covariate_of
 from highside.physics.gravity import gravity_direction
 from highside.physics.law import Law
-from highside.report.diagnosis_words import AXIS_NAMES, scale_of
+from highside.report.diagnosis_words import axis_title, scale_of
 from highside.report.plots import new_figure
+from highside.words import _, said_later, told
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -32,10 +33,10 @@ MANY = 3000
 """More points than this are drawn as a sample, with the means of bins over them."""
 BINS = 60
 CELL_TITLES = {
-    "d_inc_mean_deg": "inclination, mean",
-    "d_inc_pp_deg": "inclination, peak-to-peak",
-    "d_tf_mean_deg": "toolface, mean",
-    "d_tf_pp_deg": "toolface, peak-to-peak",
+    "d_inc_mean_deg": said_later("inclination, mean"),
+    "d_inc_pp_deg": said_later("inclination, peak-to-peak"),
+    "d_tf_mean_deg": said_later("toolface, mean"),
+    "d_tf_pp_deg": said_later("toolface, peak-to-peak"),
 }
 
 
@@ -61,20 +62,23 @@ def residuals(report_data: ReportData, location: Location, effect: str | None = 
         axis = axes[0][0]
         how = _mean if _cancels_not(along, above[channel], report_data.after[channel]) else _rms
         if plain:
-            _points(axis, along, size * report_data.after[channel], AFTER, "residual", how)
+            _points(axis, along, size * report_data.after[channel], AFTER, _("residual"), how)
         else:
-            word = "before" if part is None else "others taken off"
+            word = _("before") if part is None else _("others taken off")
             _points(axis, along, size * above[channel], BEFORE, word, how)
             if part is not None:
                 _line(axis, along, size * part[channel], how)
-            _points(axes[1][0], along, report_data.after[channel] / sigma_of(report_data, channel), AFTER, "left", how)
-            axes[1][0].set(ylabel="left, sigma")
+            _points(
+                axes[1][0], along, report_data.after[channel] / sigma_of(report_data, channel), AFTER, _("left"), how
+            )
+            axes[1][0].set(ylabel=_("left, sigma"))
         for each in (row[0] for row in axes):
             _shade(each, along, location.intervals)
             each.axhline(0, color=SHADE, linewidth=0.8)
             each.set(xlabel=label)
             each.legend()
-        axis.set(ylabel=f"residual, {unit}".rstrip(", "), title=name)
+        left_over = _("residual")
+        axis.set(ylabel=f"{left_over}, {unit}".rstrip(", "), title=name)
     return figures
 
 
@@ -108,12 +112,13 @@ def over_time(report_data: ReportData) -> Figure:
             size, unit = 1.0, "g"
         top, left, whole = (row[channel] for row in axes)
         _beside(top, t, size, report_data, channel, rows)
-        top.set(ylabel=f"reading, {unit}", title=name)
+        what = _("misfit") if report_data.recorded is None else _("reading")
+        top.set(ylabel=f"{what}, {unit}", title=name)
         sigma = float(sigmas[channel, 0])
         mark = "o" if rows.stop - rows.start <= FEW else "-"
         left.plot(t[rows], report_data.after[channel, rows] / sigma, mark, color=AFTER, markersize=3, linewidth=0.8)
         left.axhspan(-2, 2, color=SHADE, alpha=0.12, linewidth=0)
-        left.set(ylabel="left, sigma", xlabel="time, s")
+        left.set(ylabel=_("left, sigma"), xlabel=_("time, s"))
         which, count, middle = _binned(t)
         for values, colour in ((report_data.before, BEFORE), (report_data.after, AFTER)):
             whole.plot(
@@ -123,7 +128,7 @@ def over_time(report_data: ReportData) -> Figure:
                 color=colour,
                 markersize=3,
             )
-        whole.set(yscale="log", ylabel="rms, sigma", xlabel="time, s (whole recording)")
+        whole.set(yscale="log", ylabel=_("rms, sigma"), xlabel=_("time, s (whole recording)"))
     handles, labels = axes[0][0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper center", ncols=3)
     return figure
@@ -138,7 +143,8 @@ def law_curve(curve: Curve, label: str) -> Figure:
     axis.fill_between(grid, size * (value - 2 * std), size * (value + 2 * std), color=AFTER, alpha=0.2, linewidth=0)
     axis.plot(grid, size * value, "-", color=AFTER)
     axis.axhline(0, color=SHADE, linewidth=0.8)
-    axis.set(xlabel=label, ylabel=f"law, {unit}".rstrip(", "))
+    law = _("law")
+    axis.set(xlabel=label, ylabel=f"{law}, {unit}".rstrip(", "))
     return figure
 
 
@@ -152,14 +158,14 @@ def law_surface(law: Law) -> Figure:
     top = float(np.abs(value).max())
     size, unit = scale_of(top, law.at.unit)
     for axis, values, word, colours, low in (
-        (axes[0][0], value, "law", "RdBu_r", -size * top),
-        (axes[0][1], std, "its standard deviation", "Greys", 0.0),
+        (axes[0][0], value, _("law"), "RdBu_r", -size * top),
+        (axes[0][1], std, _("its standard deviation"), "Greys", 0.0),
     ):
         drawn = axis.pcolormesh(
             u, v, size * values, shading="auto", rasterized=True, cmap=colours, vmin=low, vmax=size * top
         )
         figure.colorbar(drawn, ax=axis, label=f"{word}, {unit}".rstrip(", "))
-        names = [f"{c.title}, {c.unit}".rstrip(", ") for c in map(covariate_of, law.depends_on[:2])]
+        names = [f"{told(c.title)}, {c.unit}".rstrip(", ") for c in map(covariate_of, law.depends_on[:2])]
         axis.set(xlabel=names[0], ylabel=names[1])
         axis.grid(visible=False)
     return figure
@@ -179,13 +185,18 @@ def _beside(axis: Axes, t: Array, size: float, report_data: ReportData, channel:
     """The readings and the simulation of one channel, before and after; without readings only what is left."""
     recorded = np.zeros_like(report_data.before) if report_data.recorded is None else report_data.recorded
     drawn = [
-        (recorded - report_data.before, BEFORE, "-", "simulated before"),
-        (recorded - report_data.after, AFTER, "--", "simulated after"),
+        (recorded - report_data.before, BEFORE, "-", _("simulated before")),
+        (recorded - report_data.after, AFTER, "--", _("simulated after")),
     ]
-    if report_data.recorded is None:
-        drawn = [(report_data.before, BEFORE, "-", "before"), (report_data.after, AFTER, "-", "after")]
-    else:
-        axis.plot(t[rows], size * recorded[channel, rows], "o", color=SHADE, label="recorded", markersize=3)
+    if np.array_equal(report_data.before, report_data.after):
+        # nothing was taken in: one line, not two on one another
+        drawn = [(recorded - report_data.after, AFTER, "-", _("simulated"))]
+        if report_data.recorded is None:
+            drawn = [(report_data.after, AFTER, "-", _("left"))]
+    elif report_data.recorded is None:
+        drawn = [(report_data.before, BEFORE, "-", _("before")), (report_data.after, AFTER, "-", _("after"))]
+    if report_data.recorded is not None:
+        axis.plot(t[rows], size * recorded[channel, rows], "o", color=SHADE, label=_("recorded"), markersize=3)
     for values, colour, style, word in drawn:
         axis.plot(t[rows], size * values[channel, rows], style, color=colour, label=word)
 
@@ -208,7 +219,7 @@ def _line(axis: Axes, along: Array, values: Array, how: Callable[[Array, Ints, I
     """What an effect does as fitted."""
     which, count, middle = _binned(along)
     shows = count > 0
-    axis.plot(middle[shows], how(values, which, count)[shows], "--", color="black", label="as fitted", linewidth=1.0)
+    axis.plot(middle[shows], how(values, which, count)[shows], "--", color="black", label=_("as fitted"), linewidth=1.0)
 
 
 def _mean(values: Array, which: Ints, count: Ints) -> Array:
@@ -255,7 +266,7 @@ def _points(
     # thousands of points are an image of their own: as elements of the page they take seconds to write and to show
     axis.plot(along[some], values[some], ".", color=colour, alpha=alpha, markersize=size, rasterized=not few)
     which, count, middle = _binned(along)
-    kind = "mean" if how is _mean else "rms"
+    kind = _("mean") if how is _mean else _("rms")
     shows = count > (0 if few else 1)
     axis.plot(middle[shows], how(values, which, count)[shows], "-", color=colour, label=f"{word} ({kind})")
 
@@ -263,13 +274,13 @@ def _points(
 def _along(report_data: ReportData, covariate: str, channel: int = 0) -> tuple[Array, str]:
     """(n,) what a residual is drawn over, and its label: a covariate of laws (of that axis' own), or of locations."""
     if covariate in report_data.covariates:
-        return report_data.covariates[covariate], AXIS_NAMES.get(covariate, covariate)
+        return report_data.covariates[covariate], axis_title(covariate) or covariate
     state = report_data.session.state
     first = covariate.split(" x ")[0]
     if first in COVARIATES or first in state.extra:
         own = covariate_of(first)
         load = np.asarray(gravity_direction(state.inc_rad, state.tf_rad), dtype=float)
-        return np.asarray(own.of(state, load, channel), dtype=float), f"{own.title}, {own.unit}".rstrip(", ")
+        return np.asarray(own.of(state, load, channel), dtype=float), f"{told(own.title)}, {own.unit}".rstrip(", ")
     columns = {
         "tf_ref_deg": np.mod(np.degrees(state.tf_rad), 360.0),
         "inc_ref_deg": np.degrees(state.inc_rad),
@@ -285,7 +296,7 @@ def _along(report_data: ReportData, covariate: str, channel: int = 0) -> tuple[A
         parts = parts[1:]
     varying = [name for name in (*parts[:1], "inc_ref_deg", "tf_ref_deg", "t_s") if name in columns]
     name = next((name for name in varying if np.ptp(columns[name]) > 0), "t_s")
-    return np.asarray(columns[name], dtype=float), AXIS_NAMES[name]
+    return np.asarray(columns[name], dtype=float), axis_title(name)
 
 
 def table_misfit(report_data: SummaryReportData, places: Sequence[Location]) -> Figure:
@@ -303,10 +314,10 @@ def table_misfit(report_data: SummaryReportData, places: Sequence[Location]) -> 
         for k in np.flatnonzero(shaded):
             axis.axvspan(k - 0.5, k + 0.5, color=SHADE, alpha=0.14, linewidth=0)
         axis.axhspan(-1, 1, color=SHADE, alpha=0.12, linewidth=0)
-        axis.plot(at, report_data.before[rows, column], "o", color=BEFORE, label="before", markersize=4)
-        axis.plot(at, report_data.after[rows, column], "o", color=AFTER, label="after", markersize=4)
+        axis.plot(at, report_data.before[rows, column], "o", color=BEFORE, label=_("before"), markersize=4)
+        axis.plot(at, report_data.after[rows, column], "o", color=AFTER, label=_("after"), markersize=4)
         axis.set_xticks(at, [f"{value:g}" for value in report_data.inc_deg[rows]], rotation=60)
-        axis.set(ylabel="misfit, sigma", title=CELL_TITLES[CELLS[column]])
+        axis.set(ylabel=_("misfit, sigma"), title=_(CELL_TITLES[CELLS[column]]))
         if column == 0:
             axis.legend()
     return figure
@@ -325,12 +336,12 @@ def table_values(report_data: SummaryReportData) -> Figure:
             fmt="o",
             color=SHADE,
             markersize=4,
-            label="the table, with sigma",
+            label=_("the table, with sigma"),
         )
-        axis.plot(at, report_data.base[rows, column], "-", color=BEFORE, label="simulated before")
-        axis.plot(at, report_data.fitted[rows, column], "-", color=AFTER, label="simulated after")
+        axis.plot(at, report_data.base[rows, column], "-", color=BEFORE, label=_("simulated before"))
+        axis.plot(at, report_data.fitted[rows, column], "-", color=AFTER, label=_("simulated after"))
         axis.set_xticks(at, [f"{value:g}" for value in report_data.inc_deg[rows]], rotation=60)
-        axis.set(ylabel="deg", title=CELL_TITLES[CELLS[column]])
+        axis.set(ylabel="°", title=_(CELL_TITLES[CELLS[column]]))
         if column == 0:
             axis.legend()
     return figure

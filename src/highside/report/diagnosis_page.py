@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+import numpy as np
+from markupsafe import Markup
+
 from highside.diagnosis.core.result import Claim, DiagnosisResult, Location
 from highside.diagnosis.engine import ReportData
 from highside.diagnosis.table.engine import SummaryReportData
-from highside.physics.effects import title_of
 from highside.physics.law import Law
 from highside.report.diagnosis_chart import misfit_chart
 from highside.report.diagnosis_claims import (
@@ -22,9 +24,12 @@ from highside.report.diagnosis_claims import (
 from highside.report.diagnosis_figures import law_curve, law_surface, over_time, residuals, table_misfit, table_values
 from highside.report.diagnosis_words import (
     KINDS,
+    VERDICT_NAMES,
     VERDICTS,
-    axis_name,
+    along,
     blame,
+    effect_name,
+    effect_within,
     proof,
     quantity,
     ranges,
@@ -32,16 +37,21 @@ from highside.report.diagnosis_words import (
     tested,
     verdict_words,
     where,
+    within_sentence,
 )
 from highside.report.document import Page
-from highside.report.misfit_waterfall import Steps, steps_of, waterfall
+from highside.report.misfit_waterfall import ALL_FOUND, Steps, steps_of, waterfall
 from highside.report.plots import can_plot, plotting
 from highside.shown.screen import can_draw
+from highside.words import _, said_later
+from highside.words.marked import in_words
 
 __all__ = ["VERDICTS", "page_of"]
 
-NO_FIGURES = "without figures: they need matplotlib (pip install 'highside[plot]')"
+NO_FIGURES = said_later("without figures: they need matplotlib (pip install 'highside[plot]')")
 """Said in the page and at the terminal where matplotlib is not installed."""
+MAGNITUDE = "g_total"
+"""The one channel of a recording of which only |g| is known."""
 DRAWN = 4
 """At most so many places are drawn."""
 
@@ -62,9 +72,13 @@ def _page_of(
 ) -> str:
     rows = report_data if isinstance(report_data, ReportData) else None
     steps = None if rows is None else steps_of(rows)
-    shares = {} if steps is None else dict(zip(steps.names, steps.shares, strict=True))
+    shares = {} if steps is None else shares_of_misfit(diagnosis, steps)
     page = Page(first_sentence(diagnosis, shares, verdict_words(diagnosis)))
-    page.badge(diagnosis.verdict, KINDS.get(diagnosis.verdict, "open"), f"Diagnosis of {recording}.{tested(diagnosis)}")
+    page.badge(
+        _(VERDICT_NAMES[diagnosis.verdict]),
+        KINDS.get(diagnosis.verdict, "open"),
+        _("Diagnosis of %(recording)s.", recording=recording) + tested(diagnosis),
+    )
     if diagnosis.intake:
         _faults(page, diagnosis)
     if rows is not None and steps is not None:
@@ -77,7 +91,7 @@ def _page_of(
         page.table(headers, lines, words=(0, 1, 3, 4))
     page.facts(_facts(diagnosis))
     if remark is not None:
-        page.paragraph(f"This page is {remark}.", look="soft")
+        page.paragraph(_("This page is %(without)s.", without=_(remark)), look="soft")
     for claim in ordered(diagnosis.claims, shares):
         _claim(page, diagnosis, claim, rows)
     if rows is not None and not diagnosis.claims:
@@ -86,35 +100,56 @@ def _page_of(
         _closer(page, report_data)
     _remainder(page, diagnosis)
     _details(page, diagnosis, shares)
-    page.paragraph(f"highside {diagnosis.version}, seed {diagnosis.seed}.", look="soft")
+    made = _("highside %(version)s, seed %(seed)s.", version=diagnosis.version, seed=diagnosis.seed)
+    page.paragraph(made, look="soft")
     return page.html()
+
+
+def shares_of_misfit(diagnosis: DiagnosisResult, steps: Steps) -> dict[str, float]:
+    """Share of the whole misfit of each claim: its share of what is explained, times how much that is of all."""
+    whole, left = steps.levels[0] ** 2, steps.left**2 if steps.left > steps.floor else 0.0
+    explained = 1.0 - left / whole if whole > 0.0 else 0.0
+    own = dict(zip(steps.names, steps.shares, strict=True))
+    if len(diagnosis.claims) == 1:
+        own.setdefault(diagnosis.claims[0].effect, own.get(ALL_FOUND, 0.0))
+    return {
+        claim.effect: explained * (own.get(claim.effect, 0.0) if claim.share is None else claim.share)
+        for claim in diagnosis.claims
+    }
 
 
 def _titles(diagnosis: DiagnosisResult, steps: Steps) -> dict[str, str]:
     """Words beside the bars; what was fitted and not believed says so."""
     claimed = {claim.effect: claim_title(claim) for claim in diagnosis.claims}
-    return {name: claimed.get(name, f"{title_of(name)} (not believed)") for name in steps.names}
+    claimed[ALL_FOUND] = _(ALL_FOUND)
+    return {name: claimed.get(name) or _("%(effect)s (not believed)", effect=effect_name(name)) for name in steps.names}
 
 
 def _facts(diagnosis: DiagnosisResult) -> list[tuple[str, str]]:
     """What a reader does with the answer; figures of the proof stand below."""
     rows: list[tuple[str, str]] = []
     if not diagnosis.claims and diagnosis.location:
-        rows.append(("Where", where(diagnosis.location)))
+        rows.append((_("Where"), where(diagnosis.location)))
     if not diagnosis.claims and diagnosis.remainder.resembles:
-        names = ", ".join(title_of(name) for name in diagnosis.remainder.resembles)
-        rows.append(("It resembles", f"{names} (not believed: see below)"))
+        names = ", ".join(effect_name(name) for name in diagnosis.remainder.resembles)
+        rows.append((_("It resembles"), _("%(names)s (not believed: see below)", names=names)))
     if diagnosis.fit is not None:
-        rows.append(("Proof" if diagnosis.claims else "Misfit", proof(diagnosis.fit)))
+        rows.append((_("Proof") if diagnosis.claims else _("Misfit"), proof(diagnosis.fit, diagnosis.noise)))
     if diagnosis.claims:
-        rows += [("To blame", words)] if (words := blame(diagnosis, lambda claim: claim_title(claim).lower())) else []
-        rows += [("Do next" if k == 0 else "", words) for k, words in enumerate(_advice(diagnosis))]
+        words = blame(diagnosis, lambda claim: within_sentence(claim_title(claim)))
+        rows += [(_("To blame"), words)] if words else []
+        rows += [(_("Do next") if k == 0 else "", words) for k, words in enumerate(_advice(diagnosis))]
     elif diagnosis.remainder.hints:
-        rows += [("What is known" if k == 0 else "", hint) for k, hint in enumerate(diagnosis.remainder.hints[:4])]
+        rows += [
+            (_("What is known") if k == 0 else "", in_words(hint))
+            for k, hint in enumerate(diagnosis.remainder.hints[:4])
+        ]
     if diagnosis.verdict == "nothing_left_out" and diagnosis.minimum_detectable:
         few = list(diagnosis.minimum_detectable.items())[:6]
-        words = ", ".join(f"{title_of(name).lower()} of {quantity(d.value, d.unit)}" for name, d in few)
-        rows.append(("Would have been detected", f"{words} ..."))
+        words = ", ".join(
+            _("%(effect)s of %(size)s", effect=effect_within(name), size=quantity(d.value, d.unit)) for name, d in few
+        )
+        rows.append((_("Would have been detected"), f"{words} ..."))
     return rows
 
 
@@ -126,15 +161,15 @@ def _advice(diagnosis: DiagnosisResult) -> list[str]:
             wanted.setdefault(claim.next_manoeuvre, []).append(claim_title(claim))
     needed = {words: names for words, names in wanted.items() if not words.startswith("none needed")} or wanted
     if len(diagnosis.claims) == 1 or all(words.startswith("none needed") for words in needed):
-        return list(needed)
-    return [f"{' and '.join(names)}: {words}" for words, names in needed.items()]
+        return [in_words(words) for words in needed]
+    return [Markup("{}: {}").format(_(" and ").join(names), in_words(words)) for words, names in needed.items()]
 
 
 def _faults(page: Page, diagnosis: DiagnosisResult) -> None:
-    page.heading("Faults of the data")
+    page.heading(_("Faults of the data"))
     page.table(
-        ["check", "channels", "p", "what to do"],
-        [[f.check, ", ".join(f.channels), f"{f.p:.1e}", f.remedy] for f in diagnosis.intake],
+        [_("check"), _("channels"), "p", _("what to do")],
+        [[in_words(f.check), ", ".join(f.channels), f"{f.p:.1e}", in_words(f.remedy)] for f in diagnosis.intake],
         words=(1, 3),
     )
 
@@ -142,31 +177,39 @@ def _faults(page: Page, diagnosis: DiagnosisResult) -> None:
 def _table_figures(page: Page, diagnosis: DiagnosisResult, report_data: SummaryReportData) -> None:
     page.figure(
         table_misfit(report_data, diagnosis.location),
-        "Misfit of each cell of the table in sigma, before (orange) and after (blue) what was found is simulated; "
-        "rows shaded where it acts, the band is one sigma.",
+        _(
+            "Misfit of each cell of the table in sigma, before (orange) and after (blue) what was found is simulated;"
+            " rows shaded where it acts, the band is one sigma."
+        ),
     )
     page.figure(
         table_values(report_data),
-        "The table beside the simulated chain. A sigma is what chance and the scatter beyond it do to a cell.",
+        _("The table beside the simulated chain. A sigma is what chance and the scatter beyond it do to a cell."),
     )
 
 
 def _waterfall_caption(steps: Steps) -> str:
-    done = f" What is left is {_against(steps.left, steps.floor)}." if steps.names else ""
-    return (
-        "The misfit step by step: the simulation as given, what each effect takes away, and what is left. The noise of "
-        f"a row is subtracted from every bar.{done}"
+    words = _(
+        "The misfit step by step: the simulation as given, what each effect takes away, and what is left. The noise of"
+        " a row is subtracted from every bar."
     )
+    return words + (" " + _against(steps.left, steps.floor) if steps.names else "")
 
 
 def _against(left: float, floor: float) -> str:
-    return "within the noise" if left <= floor else f"{left / floor:.1f} times what noise alone would leave"
+    if left <= floor:
+        return _("What is left is within the noise.")
+    return _("What is left is %(times)s times what noise alone would leave.", times=f"{left / floor:.1f}")
 
 
 def _claim(page: Page, diagnosis: DiagnosisResult, claim: Claim, rows: ReportData | None) -> None:
     """One claim: what it is, the residual without the others, its law, and what would tell more."""
     page.heading(claim_title(claim))
-    page.paragraph(claim.story)
+    page.paragraph(in_words(claim.story[:1].upper() + claim.story[1:], claim.story))
+    if rows is not None and rows.channels == (MAGNITUDE,) and claim.effect in rows.parts:
+        seen = float(np.ptp(rows.parts[claim.effect]))
+        size = quantity(seen, "g")
+        page.paragraph(_("Over the recording it changes the magnitude of gravity by %(size)s.", size=size))
     if is_law(claim) and claim.curve is not None and rows is not None:
         law = None if claim.law is None else Law.from_dict(claim.law)
         pair = law is not None and len(law.axes) > 1
@@ -176,24 +219,30 @@ def _claim(page: Page, diagnosis: DiagnosisResult, claim: Claim, rows: ReportDat
         for place, effect in _places(diagnosis, rows, claim):
             page.panels(residuals(rows, place, effect), _caption(place, effect))
     if claim.readings:
-        page.paragraph("What could act like this (suggestions, not findings):")
-        page.bullets(list(claim.readings))
+        page.paragraph(_("What could act like this (suggestions, not findings):"))
+        page.bullets([in_words(one) for one in claim.readings])
     if claim.confirm:
-        page.paragraph(f"Another session confirms or refutes it: {claim.confirm}.")
+        words = _("Another session confirms or refutes it:")
+        page.paragraph(Markup("{} {}.").format(words, in_words(claim.confirm)))
 
 
 def _curve_caption(claim: Claim, *, pair: bool) -> str:
-    within = f" Another shape within {claim.shape_within:.0%} of it fits as well." if claim.shape_within else ""
+    within = ""
+    if claim.shape_within:
+        share = f"{100 * claim.shape_within:.0f}"
+        within = " " + _("Another shape within %(share)s %% of it fits as well.", share=share)
     drawn = (
-        "The law that was found, over both of what it follows, and how uncertain it is."
+        _("The law that was found, over both of what it follows, and how uncertain it is.")
         if pair
-        else "The law that was found, with twice its standard deviation as a band."
+        else _("The law that was found, with twice its standard deviation as a band.")
     )
-    return f"{drawn} Beyond the range that was visited nothing is known of it.{within}"
+    beyond = _("Beyond the range that was visited nothing is known of it.")
+    return f"{drawn} {beyond}{within}"
 
 
 def _residuals(page: Page, diagnosis: DiagnosisResult, rows: ReportData) -> None:
-    page.heading("Where the mismatch sits")
+    left = diagnosis.verdict == "nothing_left_out"
+    page.heading(_("What is left") if left else _("Where the mismatch sits"))
     for place, effect in _places(diagnosis, rows)[:DRAWN]:
         page.panels(residuals(rows, place, effect), _caption(place, effect))
 
@@ -201,33 +250,35 @@ def _residuals(page: Page, diagnosis: DiagnosisResult, rows: ReportData) -> None
 def _closer(page: Page, report_data: ReportData | SummaryReportData) -> None:
     """Every row, to zoom and hover in; nothing where what draws that is not installed."""
     if can_draw():
-        page.heading("Look closer")
+        page.heading(_("Look closer"))
         page.chart(
             misfit_chart(report_data, ""),
-            "The residual of each channel before (orange) and with what was found (blue): draw a box to zoom in, point "
-            "at a line for its values, the arrow in a circle goes back. Of long recordings the extremes of intervals "
-            "are shown.",
+            _(
+                "The residual of each channel before (orange) and with what was found (blue): draw a box to zoom in,"
+                " point at a line for its values, the arrow in a circle goes back. Of long recordings the extremes of"
+                " intervals are shown."
+            ),
         )
 
 
 def _details(page: Page, diagnosis: DiagnosisResult, shares: Mapping[str, float]) -> None:
     """What few readers want, behind lines that open it."""
     if diagnosis.claims:
-        with page.folded("Formulas and rivals"):
+        with page.folded(_("Formulas and rivals")):
             for claim in ordered(diagnosis.claims, shares):
                 _evidence(page, claim)
     if diagnosis.not_testable:
-        with page.folded(f"What this recording could not show ({len(diagnosis.not_testable)})"):
+        with page.folded(_("What this recording could not show (%(count)s)", count=len(diagnosis.not_testable))):
             page.table(
-                ["effect", "why", "what it needs"],
-                [[title_of(n.effect), n.why, n.needs] for n in diagnosis.not_testable],
-                "These were not tested; that they were not found says nothing.",
+                [_("effect"), _("why"), _("what it needs")],
+                [[effect_name(n.effect), in_words(n.why), in_words(n.needs)] for n in diagnosis.not_testable],
+                _("These were not tested; that they were not found says nothing."),
                 words=(0, 1, 2),
             )
     if diagnosis.minimum_detectable:
-        with page.folded("The smallest sizes that would have been detected"):
-            rows = [[title_of(name), quantity(d.value, d.unit)] for name, d in diagnosis.minimum_detectable.items()]
-            page.table(["effect", "size (80 % probability)"], rows)
+        with page.folded(_("The smallest sizes that would have been detected")):
+            rows = [[effect_name(name), quantity(d.value, d.unit)] for name, d in diagnosis.minimum_detectable.items()]
+            page.table([_("effect"), _("size (80 %% probability)") % {}], rows)
 
 
 def _places(
@@ -253,40 +304,49 @@ def _places(
 
 
 def _over_time_caption(report_data: ReportData) -> str:
-    readings = "the readings and the simulation" if report_data.recorded is not None else "what the simulation leaves"
-    return (
-        f"Above, {readings} before and after what was found is added, where it misses most; in the middle what is left "
-        "there, in units of the noise of one row (the band is two); below, the misfit over the whole recording."
+    above = (
+        _("Above, the readings and the simulation before and after what was found is added, where it misses most;")
+        if report_data.recorded is not None
+        else _("Above, what the simulation leaves before and after what was found is added, where it misses most;")
     )
+    below = _(
+        "in the middle what is left there, in units of the noise of one row (the band is two); below, the misfit over"
+        " the whole recording."
+    )
+    return f"{above} {below}"
 
 
 def _caption(place: Location, effect: str | None) -> str:
     if not place.intervals:
-        return "Residual of each channel over time."
-    shade = ranges(place)
-    harmonic = f", harmonic {place.harmonic}" if place.harmonic else ""
-    where = f"{', '.join(place.channels)} along {axis_name(place.covariate)}{harmonic}"
+        return _("Residual of each channel over time.")
+    shade, where = ranges(place), along(place)
     if effect is not None:
         titled = title_of_any(effect)
-        return (
-            f"{titled[0].upper()}{titled[1:]}: residual of {where}, all other effects that were found taken off "
-            "(orange), what it does as fitted (dashed), and below what is left, in units of the noise of one row; "
-            f"largest at {shade}."
+        return _(
+            "%(effect)s: residual of %(where)s, all other effects that were found taken off (orange), what it does as"
+            " fitted (dashed), and below what is left, in units of the noise of one row; largest at %(range)s.",
+            effect=titled[0].upper() + titled[1:],
+            where=where,
+            range=shade,
         )
-    return (
-        f"Residual of {where} before what was found is added (orange), and below what is left, in units of the noise of"
-        f" one row; the mismatch is largest at {shade}."
+    return _(
+        "Residual of %(where)s before what was found is added (orange), and below what is left, in units of the noise"
+        " of one row; the mismatch is largest at %(range)s.",
+        where=where,
+        range=shade,
     )
 
 
 def _evidence(page: Page, claim: Claim) -> None:
-    formula = f"formula {claim.formula} (stage: {claim.stage}). " if claim.formula else ""
+    formula = ""
+    if claim.formula:
+        formula = _("formula %(formula)s (stage: %(stage)s).", formula=claim.formula, stage=claim.stage) + " "
     page.paragraph(f"{claim_title(claim)} ({claim.effect}): {formula}{sizes(claim)}.")
     if claim.rivals_ruled_out:
         page.table(
-            ["rival", "BIC against it"],
-            [[title_of(r.effect), f"{r.delta_bic:,.0f}"] for r in claim.rivals_ruled_out],
-            "Rivals that the data speak against: beyond 6 is strong, beyond 10 decisive.",
+            [_("rival"), _("BIC against it")],
+            [[effect_name(r.effect), f"{r.delta_bic:,.0f}"] for r in claim.rivals_ruled_out],
+            _("Rivals that the data speak against: beyond 6 is strong, beyond 10 decisive."),
         )
 
 
@@ -294,10 +354,10 @@ def _remainder(page: Page, diagnosis: DiagnosisResult) -> None:
     remainder = diagnosis.remainder
     if not remainder.hints and not remainder.resembles:
         return
-    page.heading("What remains")
-    page.bullets(list(remainder.hints))
+    page.heading(_("What remains"))
+    page.bullets([in_words(hint) for hint in remainder.hints])
     if remainder.resembles:
-        names = ", ".join(title_of(name) for name in remainder.resembles)
-        page.paragraph(f"It resembles, without being it: {names}.")
+        names = ", ".join(effect_name(name) for name in remainder.resembles)
+        page.paragraph(_("It resembles, without being it: %(names)s.", names=names))
     if remainder.location:
-        page.paragraph(f"It sits at: {where(remainder.location)}.")
+        page.paragraph(_("It sits at: %(where)s.", where=where(remainder.location)))

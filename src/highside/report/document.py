@@ -7,6 +7,7 @@ them here. Templates escape what they are given; only plots, which are drawn her
 
 from __future__ import annotations
 
+import base64
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -18,9 +19,10 @@ from markupsafe import Markup
 
 from highside.errors import InputError
 from highside.report.plots import as_svg
-from highside.shown.card import templates
 from highside.shown.plot import Plot
 from highside.shown.screen import can_draw, chart_part, library_part
+from highside.words import in_language, language
+from highside.words.worded import worded
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -35,17 +37,24 @@ class Part:
 
 
 class Document:
-    """A document in the making; each method adds a part, `html` gives the whole."""
+    """A document in the making, in the language of the present reader; each method adds a part, `html` gives the
+    whole."""
 
     TEMPLATE: ClassVar[str]
 
     def __init__(self, title: str) -> None:
         self._title = title
+        self._language = language()
         self._parts: list[Part] = []
         self._figures = 0
 
     def title(self, text: str) -> None:
         self._add("title", text=text)
+
+    def letterhead(self, logo: str | None, code: Markup | None) -> None:
+        """A logo (`data:` address) at the left, a code to be scanned (SVG of our own) at the right."""
+        if logo is not None or code is not None:
+            self._add("letterhead", logo=logo, code=code)
 
     def heading(self, text: str) -> None:
         self._add("heading", text=text)
@@ -95,6 +104,10 @@ class Document:
         """Embed a matplotlib figure drawn within `plotting`."""
         self._add("figure", svg=self._drawn(figure), caption=caption)
 
+    def photograph(self, jpeg: bytes, caption: str) -> None:
+        """A photograph, and what is said of it."""
+        self._add("photograph", data=base64.b64encode(jpeg).decode("ascii"), caption=caption)
+
     def panels(self, figures: Sequence[Figure], caption: str) -> None:
         """Figures beside one another, or below where the screen is narrow, under one caption."""
         self._add("panels", svgs=[self._drawn(figure) for figure in figures], caption=caption)
@@ -120,7 +133,10 @@ class Document:
         self._add("new_sheet")
 
     def html(self) -> str:
-        return _environment().get_template(self.TEMPLATE).render(title=self._title, parts=self._parts, **self._frame())
+        template = _environment().get_template(self.TEMPLATE)
+        with in_language(self._language):
+            values = {"title": self._title, "parts": self._parts, "language": self._language}
+            return template.render(**values, **self._frame())
 
     def _frame(self) -> dict[str, str]:
         """What the template needs besides the parts."""
@@ -192,6 +208,6 @@ def css_string(text: str) -> Markup:
 @cache
 def _environment() -> Environment:
     """Templates of the pages."""
-    found = templates("highside.report", keep_trailing_newline=True)
+    found = worded("highside.report", keep_trailing_newline=True)
     found.filters["css_string"] = css_string
     return found

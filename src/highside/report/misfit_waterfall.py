@@ -15,6 +15,7 @@ from highside.arrays import Array
 from highside.diagnosis.core.problem import ReportData
 from highside.report.diagnosis_figures import AFTER, BEFORE, SHADE, sigma_of, unit_of
 from highside.report.plots import new_figure
+from highside.words import _, said_later
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -24,6 +25,8 @@ __all__ = ["Steps", "steps_of", "waterfall"]
 
 CHANCE_95 = 1.645
 """One-sided 95 % quantile of the normal distribution: what noise alone exceeds in one of 20 recordings."""
+ALL_FOUND = said_later("all that was found")
+"""Name of the one step where it is not known what each claim does by itself."""
 PREFIXES = ((1.0, "g"), (1e3, "mg"), (1e6, "ug"))
 
 
@@ -61,6 +64,9 @@ def steps_of(data: ReportData) -> Steps:
         return max(float(np.mean((weights * values) ** 2)) - noise, 0.0)
 
     power = {name: float(np.mean((weights * part) ** 2)) for name, part in data.parts.items()}
+    if not power and not np.array_equal(data.before, data.after):
+        # what each does by itself is not known
+        power = {ALL_FOUND: 1.0}
     order = sorted(power, key=lambda name: -power[name])
     total = sum(power.values()) or 1.0
     shares = tuple(power[name] / total for name in order)
@@ -70,7 +76,7 @@ def steps_of(data: ReportData) -> Steps:
     squares = [first - done * max(first - last, 0.0) for done in taken]
     size = data.before.size
     floor = float(np.sqrt(noise * CHANCE_95 * np.sqrt(2.0 / size)))
-    factor, unit = (1.0, "times the noise of one row") if not alike else unit_of(data, 0)
+    factor, unit = (1.0, _("times the noise of one row")) if not alike else unit_of(data, 0)
     if unit == "ug":
         top = max(np.sqrt(first), floor)
         factor, unit = next(((f, u) for f, u in PREFIXES if f * top >= 1.0), PREFIXES[-1])
@@ -80,7 +86,7 @@ def steps_of(data: ReportData) -> Steps:
 
 def waterfall(steps: Steps, titles: dict[str, str]) -> Figure:
     """Bars from the simulation as given down to what is left, with the floor of the noise as a line."""
-    names = ["simulation as given", *(titles.get(name, name) for name in steps.names), "what is left"]
+    names = [_("simulation as given"), *(titles.get(name, name) for name in steps.names), _("what is left")]
     figure, axes = new_figure(1, 1, height=0.55 + 0.42 * len(names))
     axis = axes[0][0]
     rows = np.arange(len(names))
@@ -91,22 +97,21 @@ def waterfall(steps: Steps, titles: dict[str, str]) -> Figure:
         low, high = steps.levels[k + 1], steps.levels[k]
         axis.barh(k + 1, high - low, left=low, color=SHADE, height=0.62)
         axis.plot([high, high], [k - 0.31, k + 1.31], color=SHADE, linewidth=0.8)
-        _label(axis, k + 1, high, f"{_percent(steps.shares[k])} of what is explained")
+        # the share in units of the noise stands in the sentence above: another weighting, another figure
+        _label(axis, k + 1, high, f"\N{MINUS SIGN}{high - low:.3g} {steps.unit}")
     last = len(names) - 1
     axis.barh(last, left, color=AFTER, height=0.62)
-    within = " (within the noise)" if left <= steps.floor else ""
+    within = " " + _("(within the noise)") if left <= steps.floor else ""
     _label(axis, last, max(left, steps.floor), f"{left:.3g} {steps.unit}{within}")
     axis.axvline(steps.floor, color=AFTER, linestyle="--", linewidth=1.0)
     axis.set_yticks(rows, names)
     axis.invert_yaxis()
     axis.grid(visible=False, axis="y")
     axis.set_xlim(0, 1.32 * max(*steps.levels, steps.floor))
-    axis.set(xlabel=f"systematic misfit, rms, {steps.unit}; dashed: what noise alone would leave at most")
+    axis.set(
+        xlabel=_("systematic misfit, rms, %(unit)s; dashed: what noise alone would leave at most", unit=steps.unit)
+    )
     return figure
-
-
-def _percent(share: float) -> str:
-    return f"{share:.0%}" if share >= 0.005 else "less than 1 %"
 
 
 def _label(axis: Axes, row: int, at: float, words: str) -> None:

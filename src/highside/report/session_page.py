@@ -6,10 +6,13 @@ Made from a journal alone, before the operator decides (review) or afterwards.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from highside.bench.photographs import Found
+from highside.bench.session.entries import Noted
 from highside.bench.session.journal import Journal
 from highside.bench.session.outcome import solve
 from highside.bench.session.snapshot import VerdictRow, VerdictState
@@ -18,52 +21,97 @@ from highside.calibration.comparison import Errors, MethodComparison, compare
 from highside.calibration.method import Solution, SolveRequest
 from highside.calibration.methods import all_methods
 from highside.calibration.methods.joint import METHOD as JOINT
-from highside.calibration.record import PoseColumns
+from highside.calibration.record import PoseColumns, to_utc
 from highside.errors import HighsideError
 from highside.report.bench_or_sensor import Findings, bench_or_sensor
+from highside.report.certificate_evidence import error_headers
 from highside.report.document import Page
 from highside.report.plots import new_figure, plotting
+from highside.words import _, told
+from highside.words.errors import error_told
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def session_page(journal: Journal) -> str:
-    """The page as HTML. Raises InputError where matplotlib is missing."""
+def session_page(journal: Journal, photographs: Sequence[Found] = ()) -> str:
+    """The page as HTML; `photographs` of the session, read back. Raises InputError where matplotlib is missing."""
     header, ledger = journal.header, journal.ledger()
     solved = solve(ledger, header.judged)
     name = f"{header.tool_id}{' ' + header.serial if header.serial else ''}"
-    page = Page(f"Session {header.session}: {name}")
+    page = Page(_("Session %(session)s: %(tool)s", session=header.session, tool=name))
     page.paragraph(
-        f"{ledger.plan.title}; {len(ledger.done)} poses taken, {ledger.retaken} again, {ledger.skipped} omitted."
-        f" Bench: {header.environment.bench or 'not named'}; operator: {header.environment.operator or 'not named'}.",
+        _(
+            "%(plan)s; %(done)s poses taken, %(again)s again, %(omitted)s omitted. Bench: %(bench)s; operator:"
+            " %(operator)s.",
+            plan=told(ledger.plan.title),
+            done=len(ledger.done),
+            again=ledger.retaken,
+            omitted=ledger.skipped,
+            bench=header.environment.bench or _("not named"),
+            operator=header.environment.operator or _("not named"),
+        ),
         look="soft",
     )
+    add_remarks(page, journal)
+    add_photographs(page, photographs)
     if solved.verdict is not None:
         add_verdict(page, as_state(solved.verdict))
         return page.html()
     if solved.solution is None:
-        page.paragraph(f"No calibration follows: {solved.why}." if solved.why else "This session calibrates nothing.")
+        why = _("No calibration follows: %(why)s.", why=told(solved.why)) if solved.why else ""
+        page.paragraph(why or _("This session calibrates nothing."))
         return page.html()
     std = (solved.inc_std_deg, solved.tf_std_deg)
     page.paragraph(
-        f"Method {solved.solution.result.method}: I within {std[0]:.4f} deg, T within {std[1]:.4f} deg (one standard"
-        " deviation by the calibration alone, over all attitudes where it holds)."
+        _(
+            "Method %(method)s: I within %(inc)s deg, T within %(tf)s deg (one standard deviation by the calibration"
+            " alone, over all attitudes where it holds).",
+            method=solved.solution.result.method,
+            inc=f"{std[0]:.4f}",
+            tf=f"{std[1]:.4f}",
+        )
     )
-    page.bullets([*(f"refused: {text}" for text in solved.refused), *solved.remarks])
+    page.bullets([*(_("refused: %(why)s", why=told(text)) for text in solved.refused), *map(told, solved.remarks)])
     with plotting():
         add_methods(page, ledger.solver_columns(), ledger.request(), solved.solution, header.environment.gravity_mps2)
     return page.html()
 
 
+def add_remarks(page: Page, journal: Journal) -> None:
+    """What operators noted for the reader."""
+    said = [
+        f"{to_utc(at_s)} {entry.text}"
+        for entry, at_s in zip(journal.entries, journal.times_s, strict=True)
+        if isinstance(entry, Noted) and entry.code == "remark"
+    ]
+    if said:
+        page.heading(_("Notes"))
+        page.bullets(said)
+
+
+def add_photographs(page: Page, photographs: Sequence[Found]) -> None:
+    """What was photographed at the bench; what is not the file any more of which the journal holds the hash is said."""
+    if photographs:
+        page.heading(_("Photographs"))
+    for one in photographs:
+        entry = one.entry
+        said = f"{to_utc(one.at_s)} {entry.operator}{': ' if entry.text else ''}{entry.text}"
+        if one.trouble:
+            page.badge(_("not shown"), "bad", f"{said}: {told(one.trouble)}.")
+        else:
+            page.photograph(one.data, f"{said} (SHA-256 {entry.sha256})")
+
+
 def add_verdict(page: Page, verdict: VerdictState) -> None:
     """What the session says of an existing calibration."""
-    page.heading(f"Verdict: {verdict.verdict.replace('_', ' ')}")
-    page.paragraph(f"{verdict.text} Calibration judged: {verdict.record}.")
+    page.heading(_("Verdict: %(verdict)s", verdict=told(verdict.verdict.replace("_", " "))))
+    judged = _("Calibration judged: %(record)s.", record=verdict.record)
+    page.paragraph(f"{told(verdict.text)} {judged}")
     if verdict.consistent is False:
-        page.paragraph("The errors are larger than its own stated uncertainty lets expect: the sensor has changed.")
-    limits = f"Limits: I {verdict.limit_inc_deg:g} deg"
-    limits += "" if verdict.limit_tf_deg is None else f", T {verdict.limit_tf_deg:g} deg"
+        page.paragraph(_("The errors are larger than its own stated uncertainty lets expect: the sensor has changed."))
+    limits = f"I {verdict.limit_inc_deg:g}°"
+    limits += "" if verdict.limit_tf_deg is None else f", T {verdict.limit_tf_deg:g}°"
     limits += "" if verdict.limit_g_total_g is None else f", Gtotal {1e3 * verdict.limit_g_total_g:g} mg"
 
     def cells(row: VerdictRow) -> list[str]:
@@ -71,10 +119,13 @@ def add_verdict(page: Page, verdict: VerdictState) -> None:
         return ["-" if value is None else f"{value:.5f}" for value in values]
 
     page.table(
-        ["", "I error, deg", "U", "T error, deg", "U", "Gtotal, g", "U", "verdict"],
-        [[row.name, *cells(row), row.verdict] for row in verdict.rows],
-        f"{limits}. U is the expanded uncertainty (k = 2) of the comparison; guarded acceptance: pass only where error"
-        " and U together stay within the limit.",
+        ["", _("I error, deg"), "U", _("T error, deg"), "U", "Gtotal, g", "U", _("verdict")],
+        [[row.name, *cells(row), told(row.verdict.replace("_", " "))] for row in verdict.rows],
+        _(
+            "Limits: %(limits)s. U is the expanded uncertainty (k = 2) of the comparison; guarded acceptance: pass only"
+            " where error and U together stay within the limit.",
+            limits=limits,
+        ),
     )
 
 
@@ -85,17 +136,20 @@ def add_methods(
     try:
         comparison = compare(columns, request, solved=solution)
     except HighsideError as error:
-        page.paragraph(f"The methods cannot be compared: {error}.", look="soft")
+        page.paragraph(_("The methods cannot be compared: %(why)s.", why=error_told(error)), look="soft")
         return
-    page.heading("Before and after, by every method")
+    page.heading(_("Before and after, by every method"))
     _table(page, comparison, solution.result.method)
     page.figure(
         _uncertainty(comparison),
-        "Stated uncertainty over inclination: one standard deviation, the largest over toolface, by the calibration"
-        " alone. A line ends where its method does not hold.",
+        _(
+            "Stated uncertainty over inclination: one standard deviation, the largest over toolface, by the calibration"
+            " alone. A line ends where its method does not hold."
+        ),
     )
-    page.figure(_errors(comparison), "What is left at the poses against the bench, pose by pose in the order of time.")
-    page.figure(_residuals(solution), "Residuals of the readings with the method chosen; hollow: rejected.")
+    left = _("What is left at the poses against the bench, pose by pose in the order of time.")
+    page.figure(_errors(comparison), left)
+    page.figure(_residuals(solution), _("Residuals of the readings with the method chosen; hollow: rejected."))
     joint = comparison.of(JOINT.name)
     findings = bench_or_sensor(columns, None if joint is None else joint.solution, gravity_mps2=gravity_mps2)
     _findings(page, findings)
@@ -106,9 +160,9 @@ def _table(page: Page, comparison: MethodComparison, chosen: str) -> None:
         values = (errors.rms[0], errors.largest[0], errors.rms[1], errors.largest[1])
         return ["-" if value is None else f"{value:.4f}" for value in values]
 
-    rows = [["before", *cells(comparison.before), "-", "-"]]
+    rows = [[_("before"), *cells(comparison.before), "-", "-"]]
     for outcome in comparison.outcomes:
-        name = f"{outcome.method}{' (chosen)' if outcome.method == chosen else ''}"
+        name = _("%(method)s (chosen)", method=outcome.method) if outcome.method == chosen else outcome.method
         if outcome.errors is None or outcome.uncertainty is None:
             rows.append([name, *["-"] * 6])
             continue
@@ -116,12 +170,14 @@ def _table(page: Page, comparison: MethodComparison, chosen: str) -> None:
         stated = (outcome.uncertainty.inc_std_deg[at], outcome.uncertainty.tf_std_deg[at])
         rows.append([name, *cells(outcome.errors), *(f"{v:.4f}" if math.isfinite(v) else "-" for v in stated)])
     page.table(
-        ["", "I rms", "I largest", "T rms", "T largest", "u(I) at 45", "u(T) at 45"],
+        ["", *error_headers()],
         rows,
-        "Degrees. Errors are against the bench at poses that took part: a method that has absorbed an error of the"
-        " bench agrees with it best. The stated uncertainty u is against gravity: judge by it.",
+        _(
+            "Degrees. Errors are against the bench at poses that took part: a method that has absorbed an error of the"
+            " bench agrees with it best. The stated uncertainty u is against gravity: judge by it."
+        ),
     )
-    page.bullets([f"{outcome.method}: {outcome.refused}" for outcome in comparison.outcomes if outcome.refused])
+    page.bullets([f"{outcome.method}: {told(outcome.refused)}" for outcome in comparison.outcomes if outcome.refused])
 
 
 def _uncertainty(comparison: MethodComparison) -> Figure:
@@ -133,7 +189,7 @@ def _uncertainty(comparison: MethodComparison) -> Figure:
         for axis, values in zip(axes[0], (u.inc_std_deg, u.tf_std_deg), strict=True):
             axis.semilogy(u.inc_deg, values, ".-", color=all_methods()[outcome.method].colour, label=outcome.method)
     for axis, name in zip(axes[0], ("I", "T"), strict=True):
-        axis.set(xlabel="inclination, deg", ylabel=f"u({name}), deg")
+        axis.set(xlabel=_("inclination, deg"), ylabel=f"u({name}), °")
         axis.legend()
     return figure
 
@@ -147,7 +203,7 @@ def _errors(comparison: MethodComparison) -> Figure:
         for axis, values in zip(axes[0], (outcome.errors.inc_deg, outcome.errors.tf_deg), strict=True):
             axis.plot(at, values, ".", color=all_methods()[outcome.method].colour, label=outcome.method)
     for axis, name in zip(axes[0], ("I", "T"), strict=True):
-        axis.set(xlabel="pose", ylabel=f"error of {name}, deg")
+        axis.set(xlabel=_("pose"), ylabel=_("error of %(angle)s, deg", angle=name))
         axis.set_yscale("symlog", linthresh=0.01)
         axis.legend()
     return figure
@@ -161,14 +217,14 @@ def _residuals(solution: Solution) -> Figure:
         values = 1e6 * fit.residual_g[k]
         axes[0][0].plot(at[fit.used], values[fit.used], mark, ms=4, color=colour, label=name)
         axes[0][0].plot(at[~fit.used], values[~fit.used], mark, ms=4, color=colour, fillstyle="none")
-    axes[0][0].set(xlabel="pose", ylabel="residual, ug")
+    axes[0][0].set(xlabel=_("pose"), ylabel=_("residual, µg"))
     axes[0][0].legend(ncols=3)
     return figure
 
 
 def _findings(page: Page, findings: Findings) -> None:
-    page.heading("Is it the bench or the sensor?")
-    page.paragraph(findings.answer)
-    page.bullets([f"{finding.where}: {finding.text}" for finding in findings.findings])
+    page.heading(_("Is it the bench or the sensor?"))
+    page.paragraph(told(findings.answer))
+    page.bullets([f"{_(finding.where)}: {told(finding.text)}" for finding in findings.findings])
     if findings.diagnosis is not None and findings.diagnosis.claims:
-        page.bullets([f"next: {claim.next_manoeuvre}" for claim in findings.diagnosis.claims])
+        page.bullets([_("next: %(what)s", what=told(claim.next_manoeuvre)) for claim in findings.diagnosis.claims])

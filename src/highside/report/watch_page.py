@@ -9,6 +9,7 @@ from highside.report.document import Page
 from highside.report.plots import can_plot, new_figure, plotting
 from highside.watch.parameters import CALIBRATION, INDEX
 from highside.watch.result import AttitudeError, Deviation, WatchClaim, WatchResult
+from highside.watch.words import noise_words
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -39,12 +40,23 @@ def claim_words(claim: WatchClaim) -> str:
     """A departure in one line: class, size of its likeliest, since when, and what it does."""
     ((name, size),) = claim.parameters.items()
     factor, unit = (1e3, f"m{size.unit}") if size.unit.startswith("g") else (1.0, size.unit)
+    if name == "length":
+        return (
+            f"readings are {factor * size.value:+.3g} +- {1.96 * factor * size.std:.2g} {unit} from gravity's length:"
+            f" {one_of(claim.equivalence_class)}, since {claim.since_s:.0f} s;"
+            f" {error_words(claim.error)}"
+        )
     rest = [other for other in claim.equivalence_class if other != name]
     alike = f" (or {', '.join(rest)}: not told apart)" if rest else ""
     return (
         f"{name} {factor * size.value:+.3g} +- {1.96 * factor * size.std:.2g} {unit}{alike} since {claim.since_s:.0f} s"
         f" ({claim.since_low_s:.0f} to {claim.since_high_s:.0f}); {error_words(claim.error)}"
     )
+
+
+def one_of(names: Sequence[str]) -> str:
+    """Several as alternatives: `a, b or c`."""
+    return " or ".join(part for part in (", ".join(names[:-1]), names[-1]) if part)
 
 
 def error_words(error: AttitudeError | None) -> str:
@@ -55,10 +67,10 @@ def error_words(error: AttitudeError | None) -> str:
     return f"{error.inc_deg:+.3f} deg of inclination{tf}"
 
 
-def page_of(found: WatchResult, source: str, notes: Sequence[str] = ()) -> str:
+def page_of(found: WatchResult, source: str, notes: Sequence[str] = (), tool: str | None = None) -> str:
     """The page as HTML; without figures where matplotlib is not installed."""
     page = Page("Watch: does the calibration hold?")
-    add_found(page, found, ("Recording", source))
+    add_found(page, found, ("Recording", source), more=() if tool is None else [("Calibration of tool", tool)])
     if notes:
         page.heading("Notes")
         page.bullets(list(notes))
@@ -81,6 +93,9 @@ def add_found(
     if found.claims:
         page.heading("What departs")
         page.bullets([claim_words(claim) for claim in found.claims])
+    if found.noise_changes:
+        page.heading("What has become noisier or quieter")
+        page.bullets([noise_words(change) for change in found.noise_changes])
     page.heading("What to do")
     page.bullets(list(found.advice))
     page.heading("Over time")

@@ -12,6 +12,11 @@ coefficients: Brillinger, Time Series, 1981, section 6.2); half as many are coun
 order. Wobble of one order that differs from turn to turn is not in the level of its neighbours: the same ratio to the
 order's own variance, with 2 and 2 (T - 1) degrees of freedom, must exceed chance too. Of less than two whole turns s_k
 is taken from the other orders near it, and wobble cannot be distinguished from an error that comes back.
+
+A turn of n_t rows shows orders below n_t / 2; above them a constant, or what the sensor drifts by between turns, comes
+back as an order near n_t. So turns of far fewer rows than the others (faster ones) are left aside, and the least of the
+rest bounds the orders. A drift within the turns, a ramp each, would come back at all orders: the straight line of each
+turn is taken off first.
 """
 
 from __future__ import annotations
@@ -36,6 +41,8 @@ of three times the noise of a row; of 200 recordings with nine such orders each 
 (`tests/unit/test_rotation_orders.py`)."""
 NEIGHBOURS = 5
 """Orders at each side by which the level of an order is known. Source: eleven are known to a third of a turn's own."""
+FEWER_ROWS = 0.5
+"""Rows of a turn, of the median's, below which it is left aside. Source: half as many show half of the orders."""
 LEAKAGE = 0.05
 """Size, in that of the largest, below which an order is taken for leakage of it. Source: rows uneven over the turn by a
 tenth leave at most that of one order in its neighbours."""
@@ -56,7 +63,8 @@ def repeated_orders(samples: Samples, residual: Array, above: int) -> list[Repea
     None of them where a part of the turn is not covered: orders cannot be separated there.
     """
     turn, count = _turns(samples)
-    top = min(HIGHEST_ORDER, (_occupied(samples.theta_rad) - 1) // 2, int(np.bincount(turn[turn >= 0]).mean()) // 2 - 1)
+    least = int(np.bincount(turn[turn >= 0], minlength=count).min())
+    top = min(HIGHEST_ORDER, (_occupied(samples.theta_rad) - 1) // 2, least // 2 - 1)
     if samples.coverage.has_gap or top - above < NEIGHBOURS:
         return []
     orders = np.arange(above + 1.0, top + 1.0)
@@ -82,7 +90,11 @@ def _turns(samples: Samples) -> tuple[NDArray[np.int64], int]:
     if len(whole) < 2:
         return np.zeros(samples.n, dtype=np.int64), 1
     revolution = samples.revolution
-    return np.where(revolution <= whole[-1], revolution - whole[0], -1), len(whole)
+    turn = np.where(revolution <= whole[-1], revolution - whole[0], -1)
+    rows = np.bincount(turn[turn >= 0], minlength=len(whole))
+    kept = rows >= FEWER_ROWS * np.median(rows)
+    number = np.append(np.where(kept, np.cumsum(kept) - 1, -1), -1)
+    return number[turn], int(kept.sum())
 
 
 def _occupied(theta_rad: Array) -> int:
@@ -94,8 +106,9 @@ def _occupied(theta_rad: Array) -> int:
 def _coefficients(theta_rad: Array, residual: Array, turn: NDArray[np.int64], count: int, orders: Array) -> Array:
     """(K, T) complex amplitude of each order in each turn."""
     used = turn >= 0
-    own, theta, left = turn[used], theta_rad[used], residual[used]
+    own, theta = turn[used], theta_rad[used]
     rows = np.maximum(np.bincount(own, minlength=count), 1)
+    left = _without_lines(residual[used], own, rows)
     step = np.exp(-1j * theta)
     wave = left * np.exp(-1j * orders[0] * theta)
     found = np.empty((orders.size, count), dtype=complex)
@@ -104,6 +117,20 @@ def _coefficients(theta_rad: Array, residual: Array, turn: NDArray[np.int64], co
         found[k] = 2.0 / rows * (real + 1j * np.bincount(own, wave.imag, minlength=count))
         wave *= step
     return found
+
+
+def _without_lines(values: Array, own: NDArray[np.int64], rows: NDArray[np.int64]) -> Array:
+    """Values (N,) without the straight line over the rows of each turn `own` (N,), which has `rows` (T,) of them."""
+    count = rows.size
+    order = np.argsort(own, kind="stable")
+    place = np.empty(own.size)
+    place[order] = np.arange(own.size) - np.repeat(np.cumsum(rows) - rows, np.bincount(own, minlength=count))
+    place -= (0.5 * (rows - 1))[own]
+    centred = values - (np.bincount(own, values, minlength=count) / rows)[own]
+    slope = np.bincount(own, centred * place, minlength=count) / np.maximum(
+        np.bincount(own, place**2, minlength=count), 1e-300
+    )
+    return np.asarray(centred - slope[own] * place)
 
 
 def _level(coefficients: Array, mean: Array) -> tuple[Array, float, Array]:

@@ -23,6 +23,8 @@ ALARMS: dict[str, str] = {
     " which. Stop one of the two, or give it its own `tool.id`.",
     "commands_unanswered": "More commands came in the last minute than can be answered: find who sends them.",
     "outbox_storage": "The outbox cannot write to the disk; messages wait in memory.",
+    "outbox_replaced": "The outbox's files were deleted or replaced within the last hour, while in use, and begun anew:"
+    " keep others out of the state directory; the log says what was set aside.",
     "outbox_dropping": "Messages were dropped within the last hour, `outbox.dropped` says why: more room"
     " (`[mqtt.outbox]`), or the broker back.",
     "clock_stepped": "The wall clock was set within the last hour, `clock.last_step_s` says by how much: the `t` of"
@@ -58,6 +60,8 @@ DROPPING_STANDS_S = 3600.0
 """Seconds for which `outbox_dropping` outlasts the last drop: an operator looks at a rig at least once in an hour."""
 DECODER_STANDS_S = 3600.0
 """Seconds for which `decoder_failed` outlasts the last fault: as `DROPPING_STANDS_S`."""
+REPLACED_STANDS_S = 3600.0
+"""Seconds for which `outbox_replaced` outlasts the last time: as `DROPPING_STANDS_S`."""
 UNANSWERED_STANDS_S = 60.0
 """Seconds for which `commands_unanswered` outlasts the last answer that was dropped."""
 

@@ -18,6 +18,7 @@ import logging
 import socket
 import ssl
 import struct
+import threading
 from collections.abc import Callable
 from typing import Any
 
@@ -110,13 +111,14 @@ def notice_a_closed_door(client: aiomqtt.Client) -> None:
 
 
 def write_only_while_open(client: aiomqtt.Client) -> None:
-    """Never watch the descriptor of a socket that was closed meanwhile.
+    """Write in the next turn of the loop, and watch the descriptor only for what the kernel does not take at once.
 
-    aiomqtt asks the event loop to do so a turn later, by number. By then the number may be nobody's, which is an error
+    aiomqtt asks the loop to watch it, a turn later and by number. By then the number may be nobody's, which is an error
     with a traceback in the log, or another file's: a serial port is always ready to be written to, and the loop would
-    never rest again.
+    never rest again. It also costs a message three turns of the loop and six calls of the system.
     """
     loop, paho = asyncio.get_running_loop(), client._client
+    ours = threading.get_ident()
 
     def write() -> None:
         try:
@@ -126,12 +128,19 @@ def write_only_while_open(client: aiomqtt.Client) -> None:
                 client._disconnected.set_exception(error)
 
     def watch(_paho: mqtt.Client, _userdata: Any, sock: Any) -> None:
-        def begin() -> None:
+        def is_open() -> bool:
             now = paho.socket()
-            if now is not None and now is sock and now.fileno() >= 0:
-                loop.add_writer(now.fileno(), write)
+            return now is not None and now is sock and now.fileno() >= 0
 
-        loop.call_soon_threadsafe(begin)
+        def begin() -> None:
+            if not is_open():
+                return
+            write()
+            if paho.want_write() and is_open():
+                loop.add_writer(sock.fileno(), write)
+
+        # paho connects in a thread of its own
+        (loop.call_soon if threading.get_ident() == ours else loop.call_soon_threadsafe)(begin)
 
     paho.on_socket_register_write = watch
 
@@ -218,6 +227,26 @@ def _tls_context(tls: TlsSettings) -> ssl.SSLContext:
         # an encrypted key is refused: without a password here OpenSSL would prompt for one at the terminal
         context.load_cert_chain(tls.cert, tls.key, password="")
     return context
+
+
+async def connect(client: aiomqtt.Client, stop: asyncio.Event, *, timeout_s: float) -> None:
+    """Connect, unless asked to stop. Raises what aiomqtt raises, TimeoutError, or `LostConnection` when `stop` was set
+    meanwhile."""
+    connecting = asyncio.create_task(client.__aenter__())
+    stopping = asyncio.create_task(stop.wait())
+    try:
+        await asyncio.wait({connecting, stopping}, timeout=timeout_s, return_when=asyncio.FIRST_COMPLETED)
+    finally:
+        stopping.cancel()
+        if not connecting.done():
+            connecting.cancel()
+            await asyncio.gather(connecting, return_exceptions=True)
+    if not connecting.cancelled():
+        connecting.result()
+    elif stop.is_set():
+        raise LostConnection("stopped", "asked to stop while connecting")
+    else:
+        raise TimeoutError
 
 
 def connect_reason(error: BaseException) -> str:

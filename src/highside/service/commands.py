@@ -1,14 +1,16 @@
 """Commands that come over MQTT: read, done once, and answered, whatever was sent.
 
 A command is refused where it is retained (it would be done again at every connect) or no valid JSON of its model; one
-whose id was done before is answered and not done again. Nothing raises: a fault of ours is answered too.
+that was done before (the same again, as a network may deliver it) is answered and not done again, and another one under
+its id is refused: who counts on `ok` must not be told so of what was not done. Nothing raises: a fault of ours is
+answered too.
 """
 
 from __future__ import annotations
 
 import logging
 import time
-from collections import deque
+from collections import OrderedDict
 from collections.abc import Callable
 from typing import Generic, TypeVar
 
@@ -20,7 +22,7 @@ from highside.service.quiet_log import QuietLog
 log = logging.getLogger("highside")
 
 _REMEMBERED = 64
-"""ids of commands that are not done again"""
+"""commands that are not done again"""
 _LONGEST_COMMAND = 4096
 _LONGEST_ERROR = 400
 _AUDITED = 20
@@ -48,7 +50,7 @@ class Commands(Generic[C]):
     ) -> None:
         self._name, self._model, self._reply_model = name, model, reply_model
         self._do, self._reply, self._after = do, reply, after
-        self._done: deque[str] = deque(maxlen=_REMEMBERED)
+        self._done: OrderedDict[str, C] = OrderedDict()
         self._quiet = QuietLog(log)
         self._audit = QuietLog(log, burst=_AUDITED)
         self.count = 0
@@ -73,8 +75,9 @@ class Commands(Generic[C]):
             self._answer(text_member(payload, "id", LONGEST_ID), str(error))
             return
         of, word = command.id, command.command
-        if of in self._done:
-            self._answer(of, None)
+        if (before := self._done.get(of)) is not None:
+            other = f"the id was that of another command ({before.command}): give each command an id of its own"
+            self._answer(of, None if before == command else other)
             return
         try:
             problem = self._do(command)
@@ -83,7 +86,9 @@ class Commands(Generic[C]):
             self._answer(of, f"{word} failed ({type(error).__name__}): see the service's log")
             return
         if problem is None:
-            self._done.append(of)
+            self._done[of] = command
+            if len(self._done) > _REMEMBERED:
+                self._done.popitem(last=False)
             self._audit.say(logging.INFO, word, "%s: %s done (%s)", self._name, word, of)
         self._answer(of, problem)
         self._after()

@@ -8,7 +8,7 @@ from typing import Any
 
 from highside.link.base import LinkState
 from highside.service import messages
-from highside.service.alarms import DECODER_STANDS_S, UNANSWERED_STANDS_S, Dropping, Growing
+from highside.service.alarms import DECODER_STANDS_S, REPLACED_STANDS_S, UNANSWERED_STANDS_S, Dropping, Growing
 from highside.service.clock import LoopLag, StepWatch
 from highside.service.damage import DamageLog
 from highside.service.drift_keeper import DriftKeeper
@@ -45,7 +45,7 @@ class Health:
         self._damage, self._starts, self._steps, self._lag = damage, starts, steps, lag
         self._started_mono = time.monotonic()
         self._dropping, self._unanswered = Dropping(), Growing(UNANSWERED_STANDS_S)
-        self._decoder = Growing(DECODER_STANDS_S)
+        self._decoder, self._replaced = Growing(DECODER_STANDS_S), Growing(REPLACED_STANDS_S)
 
     def message(self, *, clock_synced: bool) -> messages.HealthMessage:
         """What the retained `health` message says; every counter balances at any time (`balance`)."""
@@ -109,6 +109,7 @@ class Health:
             "client_id_taken": broker.taken,
             "commands_unanswered": self._unanswered.look(broker.replies_dropped),
             "outbox_storage": not outbox.storage_ok,
+            "outbox_replaced": self._replaced.look(outbox.replaced),
             "outbox_dropping": self._dropping.look(outbox.dropped),
             "recorder_storage": settings.recorder.enabled and recorder.state is RecorderState.FAILING,
             "clock_stepped": self._steps.alarm,

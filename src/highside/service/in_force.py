@@ -26,6 +26,7 @@ from highside.recording.keys import read_trusted_keys
 from highside.rotation.compensation import Compensation
 from highside.rotation.live import LiveCompensation
 from highside.service.known_time import Present
+from highside.service.quiet_log import QuietLog
 from highside.service.rig.surveys import Gravity, expected_gravity
 
 log = logging.getLogger("highside")
@@ -98,6 +99,15 @@ class CompensationInForce:
         return ("rotation_refused", "rotation_kept") if self.kept else ("rotation_refused",)
 
 
+_quiet = QuietLog(log)
+"""A file that stays bad is refused with each reload."""
+
+
+def _say(settings: Settings, text: str, *values: object, level: int = logging.ERROR) -> None:
+    told = text % values
+    _quiet.say(level, f"{settings.tool.id} {told}", "%s", told)
+
+
 def calibration_for(
     settings: Settings, present: Present, running: CalibrationInForce | None = None
 ) -> CalibrationInForce:
@@ -108,10 +118,10 @@ def calibration_for(
         # whatever is wrong with a file, the tool is not stopped for it
         refused, reason = error_text(error), error.reason if isinstance(error, RecordError) else None
     if running is not None and _may_stay(running, settings):
-        log.error("the calibration in force (%s) is kept: %s", running.correction.cal_id[:12], refused)
+        _say(settings, "the calibration in force (%s) is kept: %s", running.correction.cal_id[:12], refused)
         return replace(running, refused=refused, reason=reason, kept=True)
     none = CalibrationInForce(_uncalibrated(settings), refused=refused, reason=reason)
-    log.error("%s; readings pass uncorrected", refused)
+    _say(settings, "%s; readings pass uncorrected", refused)
     return none
 
 
@@ -122,9 +132,9 @@ def rotation_for(settings: Settings, running: CompensationInForce | None = None)
     except Exception as error:
         refused = error_text(error)
     if running is not None and running.live is not None:
-        log.error("the rotor-angle compensation in force (%s) is kept: %s", running.live.id[:12], refused)
+        _say(settings, "the rotor-angle compensation in force (%s) is kept: %s", running.live.id[:12], refused)
         return CompensationInForce(running.live, refused, kept=True)
-    log.error("rotor-angle compensation refused, nothing is taken off: %s", refused)
+    _say(settings, "rotor-angle compensation refused, nothing is taken off: %s", refused)
     return CompensationInForce(refused=refused)
 
 
@@ -166,9 +176,8 @@ def _calibration(settings: Settings, present: Present, running: CalibrationInFor
     verify(record, tool_id=tool.id, serial=tool.serial, now_s=now_s, trusted=trusted)
     age_unknown = record.expires_s is not None and not present.known
     if age_unknown:
-        log.warning(
-            "whether calibration %s has expired cannot be determined: the clock is not synchronised", record.id[:12]
-        )
+        text = "whether calibration %s has expired cannot be determined: the clock is not synchronised"
+        _say(settings, text, record.id[:12], level=logging.WARNING)
     return CalibrationInForce(correction_from_record(record), record, age_unknown=age_unknown)
 
 

@@ -25,6 +25,7 @@ from highside.service.in_force import error_text
 from highside.service.interpreter import settle_interpreter
 from highside.service.logs import TOOL
 from highside.service.notify import Notifier
+from highside.service.quiet_log import QuietLog
 
 __all__ = ["Tools"]
 
@@ -138,6 +139,7 @@ class Tools:
     ) -> None:
         self.load, self._ids, self._first = load, ids, settings
         self.notifier = Notifier()
+        self._quiet = QuietLog(log)
         self._tools: dict[str, _Tool] = {}
         self._stopping = asyncio.Event()
         self._reload = asyncio.Event()
@@ -202,7 +204,7 @@ class Tools:
             try:
                 ids: Sequence[str] = await asyncio.to_thread(self._ids)
             except InputError as error:
-                log.error("reload refused: %s", error)
+                self._quiet.say(logging.ERROR, f"refused {error}", "reload refused: %s", error)
                 ids = [*self._tools]
             for key, tool in list(self._tools.items()):
                 if key in ids:
@@ -222,7 +224,8 @@ class Tools:
         try:
             settings = await asyncio.to_thread(self.load, key)
         except InputError as error:
-            log.error("tool %s is new and refused: %s", key, error)
+            text = "tool %s is new and refused: %s"
+            self._quiet.say(logging.ERROR, f"{key} {error}", text, key, error)
             return
         self._tools[key] = _Tool(self, settings)
 

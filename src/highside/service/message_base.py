@@ -18,7 +18,9 @@ class CommandMessage(Payload):
     """What every command to the service has."""
 
     id: str = Field(
-        min_length=1, max_length=LONGEST_ID, description="Any; the reply carries it. Repeated: not done again."
+        min_length=1,
+        max_length=LONGEST_ID,
+        description="Any, another for each command; the reply carries it. The same command again is not done twice.",
     )
     command: str
 

@@ -43,11 +43,13 @@ from pathlib import Path
 from highside.errors import InputError
 from highside.service import clock
 from highside.service.outbox_caps import LOST_FILE, beyond_caps
-from highside.service.outbox_file import BATCH_ROWS, MessageFile
+from highside.service.outbox_file import MessageFile
 from highside.service.outbox_inspect import OutboxState, inspect
 from highside.service.outbox_log import StoredMessage
-from highside.service.outbox_memory import BACKLOG_CHUNK, LIVE_IN_MEMORY, Clocks, OutboxMemory, OutboxStats
-from highside.service.sequence import BLOCK, SAFETY, SequenceFile
+from highside.service.outbox_memory import BACKLOG_CHUNK, LIVE_IN_MEMORY, Clocks, OutboxStats
+from highside.service.outbox_numbers import NumberedOutbox
+from highside.service.outbox_rows import BATCH_ROWS
+from highside.service.sequence import SequenceFile
 
 __all__ = ["Outbox", "OutboxState", "OutboxStats", "StoredMessage", "inspect"]
 
@@ -56,9 +58,11 @@ RETRY_S = 0.5
 """Pause after the disk refused a commit."""
 TIDY_S = 1.0
 """How often caps are looked at, and how long an acknowledged row may wait to be deleted from the file."""
+LOOK_S = 2.0
+"""How often it is looked whether the files are still where they were opened; an alarm has to come within 5 s."""
 
 
-class Outbox(OutboxMemory):
+class Outbox(NumberedOutbox):
     """See the module. `put`, `next_seq`, `take` and `ack` never block and belong to one thread (the event loop's).
 
     `path` is the file of messages; the numbers are kept beside it. `clocks` is for tests.
@@ -86,11 +90,12 @@ class Outbox(OutboxMemory):
             clocks=clocks,
         )
         # only the thread touches these
+        self._path = path
         self._file = MessageFile(path)
         self._numbers = SequenceFile(path.with_name(path.name + ".numbers"))
         self._last_committed_id = 0
         self._tidied_mono = 0.0
-        self._sequence_read = self._opened_before = False
+        self._looked_mono = 0.0
 
         self._stopping = threading.Event()
         self._numbered = threading.Event()
@@ -158,8 +163,8 @@ class Outbox(OutboxMemory):
         self._notify()
         return done and stopping
 
-    def _sleep_s(self) -> float | None:
-        """How long nothing needs to be done unless the thread is woken; None: for ever."""
+    def _sleep_s(self) -> float:
+        """How long nothing needs to be done unless the thread is woken."""
         with self._lock:
             now, due = time.monotonic(), None
             if self._urgent or self._stopping.is_set():
@@ -172,7 +177,7 @@ class Outbox(OutboxMemory):
             elif self._gone or self._rows_in_file or not self._storage_ok:
                 due = now + TIDY_S
             self._due_mono = due
-            return None if due is None else max(due - now, 0.0)
+            return LOOK_S if due is None else max(due - now, 0.0)
 
     def _is_due(self) -> bool:
         """Whether there is anything to do: what was put is mostly acknowledged before its commit is due."""
@@ -182,12 +187,16 @@ class Outbox(OutboxMemory):
                 return True
             if self._handover and next(iter(self._handover.values())).put_mono + self._commit_interval_s <= now:
                 return True
+            if now - self._looked_mono >= LOOK_S:
+                return True
             return bool(self._gone or self._rows_in_file) and now - self._tidied_mono >= TIDY_S
 
     def _cycle(self, stopping: bool) -> bool:
         """Reserve, store, delete, fill the sender's queues. False if there is more to do at once."""
         with self._lock:
             self._urgent = False
+        if stopping or not self._storage_ok or time.monotonic() - self._looked_mono >= LOOK_S:
+            self._look()
         refused = self._reserve()
         if not self._file.is_open:
             self._open()
@@ -221,49 +230,6 @@ class Outbox(OutboxMemory):
                 return True
         self._numbers.write({topic: seq + 1 for topic, seq in self._seq.items()}, orderly=True)
         return True
-
-    # -- numbers ---------------------------------------------------------------------------------------------------
-
-    def _begin_numbers(self) -> None:
-        """Where the numbering goes on. An older version kept it in the file of messages."""
-        saved = self._numbers.open()
-        first_free = dict(saved.first_free)
-        if not first_free or not saved.sound:
-            self._file.open()
-            for topic, last in self._file.last_numbers().items():
-                first_free[topic] = max(first_free.get(topic, 0), last + 1)
-        if not saved.sound:
-            log.error("outbox: the file of sequence numbers is damaged; %d numbers are omitted", SAFETY)
-            first_free = {topic: number + SAFETY for topic, number in first_free.items()}
-        with self._lock:
-            for topic, number in first_free.items():
-                self._seq[topic] = max(self._seq.get(topic, -1), number - 1)
-            self._reserved = dict(first_free)
-            if not saved.orderly:
-                self._resumed_at = first_free
-        self._sequence_read = True
-
-    def _reserve(self) -> Exception | None:
-        """Numbers for the next messages; returns why the disk did not take it."""
-        try:
-            if not self._sequence_read:
-                self._begin_numbers()
-            with self._lock:
-                wanted = {
-                    topic: self._seq[topic] + 1 + BLOCK
-                    for topic in self._topics
-                    if self._reserved.get(topic, 0) - (self._seq[topic] + 1) < BLOCK // 2
-                }
-                first_free = {topic: max(seq + 1, self._reserved.get(topic, 0)) for topic, seq in self._seq.items()}
-            if wanted:
-                self._numbers.write(first_free | wanted)
-                with self._lock:
-                    self._reserved = first_free | wanted
-            self._reserving = True
-        except (OSError, sqlite3.Error) as error:
-            self._reserving = False
-            return error
-        return None
 
     # -- storing ---------------------------------------------------------------------------------------------------
 
@@ -377,15 +343,38 @@ class Outbox(OutboxMemory):
 
     # -- opening and failing ---------------------------------------------------------------------------------------
 
+    def _look(self) -> None:
+        """Whether the files in use are at their places; if not, begin anew there. Raises as opening does."""
+        self._looked_mono = time.monotonic()
+        self._leave_what_moved()
+        self._file.lock()
+
+    def _leave_what_moved(self) -> bool:
+        numbers_moved = self._numbers.moved()
+        if not numbers_moved and not self._file.moved():
+            return False
+        if numbers_moved:
+            self._numbers.close()
+            self._sequence_read = False
+        self._file.leave()
+        with self._lock:
+            self._replaced += 1
+        text = (
+            "outbox: files in %s were deleted or replaced while in use; they are begun anew with all that can be read"
+        )
+        self._quiet.say(logging.ERROR, "moved", text, self._path.parent)
+        return True
+
     def _open(self) -> None:
-        before = self._file.set_aside
+        before = self._file.set_aside, self._file.renewed
         if not self._file.is_open:
             self._file.open()
         elif self._opened_before:
             return
         self._corrupt_files = self._file.set_aside
         if self._opened_before:
-            if self._file.set_aside > before:
+            if (self._file.set_aside, self._file.renewed) != before:
+                self._keep_what_is_in_memory()
                 self._count_again()
             with self._lock:
                 self._rewind = self._delivering
@@ -409,6 +398,13 @@ class Outbox(OutboxMemory):
             for row in large:
                 self._forget(row)
                 self._refuse_large(row)
+
+    def _keep_what_is_in_memory(self) -> None:
+        """Of rows that were in a file which cannot be read any more, the sender may still have some."""
+        with self._lock:
+            rows = [*self._in_flight.values(), *self._live, *self._backlog]
+            rows = [row for row in rows if row.id not in self._handover and row.id not in self._gone]
+        self._file.keep(rows)
 
     def _count_again(self) -> None:
         """After damage: what was committed should still be there; what is not is lost, and counted."""
@@ -441,4 +437,5 @@ class Outbox(OutboxMemory):
             self._quiet.say(logging.ERROR, "cannot store", text, error)
         if isinstance(error, sqlite3.DatabaseError) and not isinstance(error, sqlite3.OperationalError):
             self._file.distrust()
-        self._file.close()
+        if not self._leave_what_moved():
+            self._file.close()

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from highside.service import clock
-from highside.service.outbox_file import age
 from highside.service.outbox_log import StoredMessage
+from highside.service.outbox_rows import age
 
 NO_ROOM_IN_MEMORY = "memory"
 TOO_MANY_ROWS = "max_rows"

@@ -11,6 +11,9 @@ message with pages of 4 KiB, 6.6 KB with pages of 1 KiB. Each row has a checksum
 always found out by its structure.
 
 A second process is refused by a lock on a file beside it; readers (`inspect`) are never in the way of the service.
+
+Files that are deleted or replaced while in use are noticed (`moved`). What they hold can still be read, being open, and
+is taken over into new ones (`leave`, then `open`); what was put in their place is set aside.
 """
 
 from __future__ import annotations
@@ -25,9 +28,11 @@ from itertools import chain, islice
 from pathlib import Path
 
 from highside.errors import InputError
+from highside.recording.files import make_directory
 from highside.recording.locks import lock
-from highside.service import clock
-from highside.service.outbox_log import BOOT_ID_LETTERS, CommitLog, LogFull, StoredMessage, read_log
+from highside.service.outbox_log import CommitLog, LogFull, StoredMessage, read_log
+from highside.service.outbox_places import Places
+from highside.service.outbox_rows import COLUMNS, INSERT, old_numbers, salvage, stored_row, values
 from highside.service.sequence import sync_directory
 
 log = logging.getLogger(__name__)
@@ -36,11 +41,7 @@ SCHEMA_VERSION = 2
 LARGE_COMMIT = 64 * 1024
 """Bytes from which a commit goes to SQLite at once: the log would write it once more than needed."""
 CHECKED_BYTES = 64 << 20
-"""A file up to this size is checked as a whole when it is opened; what is damaged in a larger one is found when it is
-read."""
-BATCH_ROWS = 2_000
-"""Rows in one transaction."""
-COLUMNS = "id, topic, seq, created_s, qos, payload, boot, boot_s, synced, checksum"
+"""A file up to this size is checked as a whole when it is opened; damage in a larger one is found when it is read."""
 
 
 class DamagedDatabase(sqlite3.DatabaseError):
@@ -53,9 +54,16 @@ class MessageFile:
     def __init__(self, path: Path) -> None:
         self._path = path
         self._db: sqlite3.Connection | None = None
+        self._left: sqlite3.Connection | None = None
+        """a file that was open when it was deleted or replaced, until what it holds is in a new one"""
+        self._places = Places()
+        self._wal, self._log_path = path.with_name(path.name + "-wal"), log_path(path)
+        self._lock_path = path.with_name(path.name + ".lock")
+        self._has_room = True
+        """False: something else may stand where our file was"""
         self._lock = -1
         self._check = True
-        self._log = CommitLog(log_path(path))
+        self._log = CommitLog(self._log_path)
         self._tail: dict[int, StoredMessage] | None = None
         """what is in the log; None before it was read"""
         self._log_ready = False
@@ -63,6 +71,8 @@ class MessageFile:
         may have left, is in SQLite"""
         self.set_aside = 0
         """damaged files so far"""
+        self.renewed = 0
+        """times that a file was begun in the place of one that had been in use"""
         self.damaged_rows: list[int] = []
         """ids of rows whose checksum was wrong, to be deleted by the owner"""
 
@@ -74,34 +84,89 @@ class MessageFile:
         """Keep others out. Raises InputError if another process has the file."""
         if self._lock >= 0:
             return
-        self._path.parent.mkdir(parents=True, exist_ok=True)
-        descriptor = os.open(f"{self._path}.lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o640)
+        make_directory(self._path.parent)
+        descriptor = os.open(self._lock_path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o640)
         try:
             lock(descriptor)
         except OSError:
             os.close(descriptor)
-            raise InputError(
-                "is in use by another process", where=str(self._path), remedy="stop the other instance first"
-            ) from None
+            raise _in_use(self._path) from None
         self._lock = descriptor
+        self._places.note(self._lock_path, descriptor)
+
+    # -- files that are deleted or replaced ------------------------------------------------------------------------
+
+    def moved(self) -> bool:
+        """Whether a file in use is not at its place any more."""
+        return any(self._places.moved(path) for path in (self._lock_path, self._path, self._wal, self._log_path))
+
+    def leave(self) -> None:
+        """Let go of what was moved; `lock` and `open` begin anew, with all that can be read in what was left."""
+        if self._places.moved(self._lock_path):
+            os.close(self._lock)
+            self._lock = -1
+            self._places.forget(self._lock_path)
+        if self._places.moved(self._log_path):
+            self._close_log()  # what it holds is in memory
+        if not (self._places.moved(self._path) or self._places.moved(self._wal)):
+            return
+        if self._db is not None and self._left is not None:
+            self._db.close()  # not finished yet: the one before still has everything
+        elif self._db is not None:
+            self._left = self._db
+        self._db, self._has_room = None, False
+        self._close_log()
+        self._places.forget(self._path, self._wal)
+
+    def _make_room(self) -> None:
+        """What stands in the place of a file that was in use is another's: set aside, never mixed with ours."""
+        if self._has_room:
+            return
+        aside = f"{self._path}.other-{time.time_ns()}"
+        found = [suffix for suffix in ("", "-wal", "-shm", ".log") if Path(f"{self._path}{suffix}").exists()]
+        for suffix in found:
+            Path(f"{self._path}{suffix}").replace(f"{aside}{suffix}")
+        if found:
+            log.error("outbox: what was found at %s is set aside as %s", self._path, aside)
+        self._has_room = True
+        self.renewed += 1
+
+    def _take_over(self) -> None:
+        """What the file that was left holds, and what is only in memory, into this one."""
+        if self._left is not None:
+            for batch in salvage(self._left, unchecked=True):
+                self._in_one_transaction(batch, ())
+            with contextlib.suppress(sqlite3.Error):
+                self._left.close()
+            self._left = None
+        if self._tail:
+            self._move((), ())
+
+    def keep(self, rows: Iterable[StoredMessage]) -> None:
+        """Store rows that were in a file before, where they are not."""
+        self._in_one_transaction([row for row in rows if row.id not in self._rows_in_log], ())
 
     def open(self) -> None:
         """Open, and bring a file of an older version up to date. A damaged one is set aside and what is readable in it
         taken over. Raises InputError if another process uses it."""
         self.lock()
+        if self._places.moved(self._path):
+            self.leave()  # it was closed when that happened
+        renewed = not self._has_room or self._left is not None
+        self._make_room()
         try:
             self._db = self._connect()
         except sqlite3.OperationalError as error:
             if "locked" in str(error):
                 # an older version of this program, which locked the file itself
-                raise InputError(
-                    "is in use by another process", where=str(self._path), remedy="stop the other instance first"
-                ) from error
+                raise _in_use(self._path) from error
             raise
         except sqlite3.DatabaseError as error:
             self._begin_anew(error)
         try:
             self._open_log()
+            if renewed:
+                self._take_over()
         except BaseException:
             self.close()
             raise
@@ -111,7 +176,7 @@ class MessageFile:
         db.execute(_LOG_TABLE)
         moved = moved_generation(db)
         if self._tail is None:
-            generation, rows = read_log(log_path(self._path))
+            generation, rows = read_log(self._log_path)
             # a damaged file may have lost the word of what it had taken: what has moved has no younger id than SQLite
             last = int(db.execute("SELECT max(id) FROM outbox").fetchone()[0] or 0)
             self._tail = {row_id: row for row_id, row in rows.items() if row_id > last} if generation > moved else {}
@@ -120,7 +185,7 @@ class MessageFile:
             self._begin_log()
 
     def _begin_log(self) -> None:
-        self._log.begin(self._log.generation + 1)
+        self._places.note(self._log_path, self._log.begin(self._log.generation + 1))
         self._log_ready = True
 
     def distrust(self) -> None:
@@ -129,12 +194,17 @@ class MessageFile:
 
     def close(self) -> None:
         """Close the files; the lock is kept until `release`."""
-        self._log.close()
-        self._log_ready = False
+        self._close_log()
         if self._db is not None:
             with contextlib.suppress(sqlite3.Error):
                 self._db.close()
             self._db = None
+        self._places.forget(self._wal)  # SQLite deletes it itself
+
+    def _close_log(self) -> None:
+        self._log.close()
+        self._log_ready = False
+        self._places.forget(self._log_path)
 
     def release(self) -> None:
         """The orderly end: all messages are in SQLite, if it takes them."""
@@ -188,6 +258,8 @@ class MessageFile:
         finally:
             with contextlib.suppress(sqlite3.OperationalError):
                 db.execute("PRAGMA journal_mode = WAL")
+                db.execute("SELECT moved FROM log").fetchone()  # begins the file of that journal
+            self._places.note_if_there(self._wal)
         tail.clear()
         self._begin_log()
 
@@ -198,7 +270,7 @@ class MessageFile:
         db.execute("BEGIN IMMEDIATE")
         try:
             # an earlier commit of the same rows may have failed after it reached the disk: hence OR IGNORE
-            db.executemany(_INSERT, map(_values, batch))
+            db.executemany(INSERT, map(values, batch))
             db.executemany("DELETE FROM outbox WHERE id = ?", [(row_id,) for row_id in gone])
             if moved is not None:
                 db.execute("INSERT OR REPLACE INTO log VALUES (0, ?)", (moved,))
@@ -255,7 +327,7 @@ class MessageFile:
         """The highest sequence number by topic of what is in the file, and of what an older version wrote down."""
         db = self._database()
         found = dict(db.execute("SELECT topic, max(seq) FROM outbox GROUP BY topic").fetchall())
-        for topic, last in _old_numbers(db):
+        for topic, last in old_numbers(db).items():
             found[topic] = max(found.get(topic, -1), last)
         for row in self._rows_in_log.values():
             found[row.topic] = max(found.get(row.topic, -1), row.seq)
@@ -295,6 +367,8 @@ class MessageFile:
                 raise (DamagedDatabase(str(error)) if "column" in str(error) else error) from error
             if new:
                 sync_directory(self._path.parent)
+            self._places.note(self._path)
+            self._places.note_if_there(self._wal)
         except BaseException:
             db.close()
             raise
@@ -331,11 +405,12 @@ class MessageFile:
         self.set_aside += 1
         self._db = self._connect()
         saved = 0
-        for batch in _salvage(aside):
-            self._in_one_transaction(batch, ())
-            saved += len(batch)
+        with contextlib.closing(sqlite3.connect(aside, timeout=0.1)) as db:
+            for batch in salvage(db):
+                self._in_one_transaction(batch, ())
+                saved += len(batch)
         with contextlib.suppress(sqlite3.Error), contextlib.closing(sqlite3.connect(aside, timeout=0.1)) as db:
-            self._keep_old_numbers(_old_numbers_dict(db))
+            self._keep_old_numbers(old_numbers(db))
             moved = moved_generation(db)
             self._database().execute(_LOG_TABLE)
             self._database().execute("INSERT OR REPLACE INTO log VALUES (0, ?)", (moved,))
@@ -354,31 +429,12 @@ class MessageFile:
             db.executemany("INSERT OR REPLACE INTO sequence VALUES (?, ?)", numbers.items())
 
 
+def _in_use(path: Path) -> InputError:
+    return InputError("is in use by another process", where=str(path), remedy="stop the other instance first")
+
+
 _LOG_TABLE = "CREATE TABLE IF NOT EXISTS log (only INTEGER PRIMARY KEY CHECK (only = 0), moved INTEGER NOT NULL)"
 """Its one row: the newest generation of the log that is in SQLite."""
-_INSERT = f"INSERT OR IGNORE INTO outbox ({COLUMNS}) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?)"
-
-
-def _values(row: StoredMessage) -> tuple[object, ...]:
-    return (*row[:8], int(row.synced), row.checksum)
-
-
-def stored_row(found: tuple[object, ...]) -> StoredMessage | None:
-    """A row as it was stored; None if it was damaged. Rows of an older version carry no checksum."""
-    row_id, topic, seq, created_s, qos, payload, boot, boot_s, synced, checksum = found
-    if not (
-        isinstance(row_id, int)
-        and isinstance(topic, str)
-        and isinstance(seq, int)
-        and isinstance(payload, bytes)
-        and isinstance(created_s, float)
-        and isinstance(qos, int)
-    ):
-        return None
-    if checksum is None:
-        return StoredMessage(row_id, topic, seq, created_s, qos, payload, "", 0.0, False)
-    row = StoredMessage(row_id, topic, seq, created_s, qos, payload, str(boot), _real(boot_s), bool(synced))
-    return row if row.checksum == checksum else None
 
 
 def log_path(path: Path) -> Path:
@@ -392,49 +448,3 @@ def moved_generation(db: sqlite3.Connection) -> int:
         return 0
     found = db.execute("SELECT moved FROM log").fetchone()
     return int(found[0]) if found else 0
-
-
-def _real(value: object) -> float:
-    return float(value) if isinstance(value, int | float) else 0.0
-
-
-def _old_numbers(db: sqlite3.Connection) -> list[tuple[str, int]]:
-    if not db.execute("SELECT 1 FROM sqlite_master WHERE type = 'table' AND name = 'sequence'").fetchone():
-        return []
-    return [(str(topic), int(last)) for topic, last in db.execute("SELECT topic, last FROM sequence")]
-
-
-def _old_numbers_dict(db: sqlite3.Connection) -> dict[str, int]:
-    return dict(_old_numbers(db))
-
-
-def _salvage(path: Path) -> Iterator[list[StoredMessage]]:
-    """Whole rows of a damaged file, in batches: from its beginning up to the damage, then from its end down to it."""
-    with contextlib.closing(sqlite3.connect(path, timeout=0.1)) as db:
-        last = 0
-        for order in ("ASC", "DESC"):
-            batch: list[StoredMessage] = []
-            try:
-                # a row without a checksum cannot be distinguished from a damaged one
-                query = f"SELECT {COLUMNS} FROM outbox WHERE id > {last:d} ORDER BY id {order}"
-                for found in db.execute(query):
-                    row = stored_row(found)
-                    if row is None or found[-1] is None:
-                        continue
-                    batch.append(row)
-                    if order == "ASC":
-                        last = row.id
-                    if len(batch) == BATCH_ROWS:
-                        yield batch
-                        batch = []
-            except sqlite3.Error:
-                pass  # here it is damaged
-            else:
-                yield batch
-                return
-            yield batch
-
-
-def age(row: StoredMessage, now: clock.Moment) -> float | None:
-    """Seconds since a message was made; None where no clock can tell."""
-    return clock.age_s(row, now._replace(boot_id=now.boot_id[:BOOT_ID_LETTERS]))

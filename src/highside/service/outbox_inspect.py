@@ -10,8 +10,9 @@ from typing import NamedTuple
 
 from highside.errors import InputError
 from highside.service import clock
-from highside.service.outbox_file import COLUMNS, SCHEMA_VERSION, age, log_path, moved_generation, stored_row
+from highside.service.outbox_file import SCHEMA_VERSION, log_path, moved_generation
 from highside.service.outbox_log import read_log
+from highside.service.outbox_rows import COLUMNS, age, stored_row
 
 
 class OutboxState(NamedTuple):

@@ -20,8 +20,8 @@ from pydantic import ConfigDict, Field
 
 from highside.service import clock
 from highside.service.outbox_caps import NO_ROOM_IN_MEMORY, TOO_LARGE
-from highside.service.outbox_file import age
 from highside.service.outbox_log import BOOT_ID_LETTERS, StoredMessage
+from highside.service.outbox_rows import age
 from highside.service.quiet_log import QuietLog
 from highside.service.sequence import BLOCK
 from highside.service.wake import Wake
@@ -58,6 +58,7 @@ class OutboxStats:
     storage_errors: Count = 0
     storage_error: str = ""
     corrupt_files: Count = 0
+    replaced: Annotated[Count, Field(description="Times that its files were deleted or replaced while in use.")] = 0
     resumed_at: Annotated[
         dict[str, Count],
         Field(
@@ -130,7 +131,7 @@ class OutboxMemory:
         self._storage_ok = True
         self._storage_errors = 0
         self._storage_error = ""
-        self._corrupt_files = 0
+        self._corrupt_files = self._replaced = 0
         self._due_mono: float | None = 0.0
         """when the thread wakes by itself; None: when it is woken"""
         self._put_mono = -math.inf
@@ -240,6 +241,7 @@ class OutboxMemory:
                 storage_errors=self._storage_errors,
                 storage_error=self._storage_error,
                 corrupt_files=self._corrupt_files,
+                replaced=self._replaced,
                 resumed_at=dict(self._resumed_at),
             )
 

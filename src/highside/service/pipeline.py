@@ -28,16 +28,17 @@ from highside.config.settings import (
     SurveySettings,
     ToolSettings,
 )
-from highside.link.base import Batch, Chunk
+from highside.link.base import Batch
 from highside.rotation.live import ROTOR_UNKNOWN, LiveCompensation, RotorError, mean_error
 from highside.service.drift_stage import DriftStage
+from highside.service.held import Held
 from highside.service.hole_azimuth import hole_azimuth
 from highside.service.monitor import Monitor
 from highside.service.outputs import AttitudeOutput, Survey
 from highside.service.rig.shock import ShockMeter
 from highside.service.rig.surveys import Gravity, judge
 from highside.service.stillness import Cut, StillnessDetector
-from highside.service.watch_stage import DEPARTS, WatchStage
+from highside.service.watch_stage import DEPARTS, DEPTH, WatchStage
 from highside.service.window import (
     ROLLING_BIAS_BLOCK_S,
     NoiseEstimate,
@@ -46,13 +47,6 @@ from highside.service.window import (
     WindowStatistics,
     window_statistics,
 )
-
-HELD_FRAMES = 32
-"""Frames that are decoded at once and processed together, when one of them completes an output: ten frames in one go
-cost about as much as two that come alone, each to code that has left the processor's caches."""
-HELD_S = 0.1
-"""How long a frame waits at most while others arrive; a link that falls silent, and whoever reads the counters, asks
-for what is held."""
 
 
 class Pipeline:
@@ -96,8 +90,7 @@ class Pipeline:
         """what Gtotal should be at this site; the service knows"""
         self.toolface_offset_deg = 0.0
         self._toolface = toolface or ToolfaceSettings()
-        self._held: list[Frame] = []
-        """decoded, not yet processed"""
+        self._held = Held(codec, pipeline.output_rate_hz)
         self._refusals = 0
         """surveys refused at this stop: the next one waits the longer"""
         self.attitudes = 0
@@ -163,7 +156,7 @@ class Pipeline:
         """
         self.process_held()
         new = copy.copy(self)
-        new._held = []
+        new._held = Held(self.codec, settings.pipeline.output_rate_hz)
         new.drift, new.watch = drift, watch
         # the codec and its counters go on: not a byte is lost for a new limit
         new.monitor = copy.copy(self.monitor)
@@ -184,31 +177,20 @@ class Pipeline:
         new.rotation = rotation
         return new
 
-    def on_batch(self, batch: Batch) -> int:
-        """Decode and process a batch; returns the number of frames in it."""
-        if isinstance(batch, Chunk):
-            frames = self.codec.receive(batch.data, batch.t_mono)  # type: ignore[union-attr]
-        else:
-            frames = self.codec.receive_can(batch)  # type: ignore[union-attr]
-        if frames:
-            held, last = self._held, frames[-1]
-            held += frames
-            t, due = last.t_mono if last.t_s is None else last.t_s, self._due
-            # an output is due, or time went back (a reset), or it is simply time
-            if (
-                due is None
-                or not due - 2.0 / self._settings.output_rate_hz <= t < due
-                or len(held) >= HELD_FRAMES
-                or last.t_mono - held[0].t_mono >= HELD_S
-            ):
-                self.process_held()
-        return len(frames)
+    def on_batch(self, batch: Batch) -> None:
+        """Take a batch; it is decoded and processed as soon as an output may be due with it."""
+        frames = self._held.add(batch, self._due)
+        if frames is not None:
+            self._process(frames)
 
     def process_held(self) -> None:
-        """Process what was decoded and waits for the next output: before counters are read or anything is changed."""
-        held, self._held = self._held, []
-        for frame in held:
+        """Process what waits for the next output: before counters are read or anything is changed."""
+        self._process(self._held.take())
+
+    def _process(self, frames: list[Frame]) -> None:
+        for frame in frames:
             self.on_frame(frame)
+        self._held.expect(self._due, self._last_step)
 
     def on_link_reopened(self) -> None:
         """The link was interrupted: nothing pending will be completed."""
@@ -281,7 +263,8 @@ class Pipeline:
         corrected = knowing(self._correction, frame, self.codec.extra_columns).correct(mean, temp_c=temp)
         self.rolling_bias.add(t, corrected.gx, corrected.gy, corrected.gz)
         if self.watch is not None:
-            self.watch.close(t, frame.t_mono, corrected[:3], temp)
+            depth = dict(zip(self.codec.extra_columns, frame.extra or (), strict=False)).get(DEPTH)
+            self.watch.close(t, frame.t_mono, corrected[:3], temp, depth, math.hypot(*self.shock.rms_g))
         if self.drift is not None:
             if self._rolling_bias_settings.apply:
                 corrected = self._in_force(frame).correct(mean, temp_c=temp)

@@ -21,7 +21,7 @@ from highside.config.mqtt import MqttSettings
 from highside.config.places import service_state
 from highside.config.settings import Settings
 from highside.errors import InputError
-from highside.recording.files import set_aside
+from highside.recording.files import make_directory, set_aside
 from highside.recording.locks import lock as take_lock
 
 _LOOPBACK = {"localhost", "127.0.0.1", "::1", "ip6-localhost", ""}
@@ -39,7 +39,8 @@ def take_state_dir(directory: Path) -> IO[str]:
     """Make the directory and lock it; the lock goes when the file is closed. Raises InputError: not usable, or used."""
     where = str(directory)
     try:
-        directory.mkdir(parents=True, exist_ok=True)
+        # what is synced into it must not go with the directory itself
+        make_directory(directory)
         if (directory / "lock").is_dir():
             set_aside(directory / "lock")
         lock = (directory / "lock").open("w")

@@ -25,6 +25,7 @@ import logging
 import random
 from collections import Counter
 from collections.abc import Callable, Coroutine, Mapping
+from functools import partial
 from typing import NamedTuple
 
 import aiomqtt
@@ -34,6 +35,7 @@ from highside.errors import InputError
 from highside.service.broker_client import (
     LostConnection,
     broker_client,
+    connect,
     connect_reason,
     notice_a_closed_door,
     on_each_message,
@@ -42,8 +44,9 @@ from highside.service.broker_client import (
     subscribe,
     write_only_while_open,
 )
+from highside.service.in_flight import InFlight
 from highside.service.messages import OFFLINE, ONLINE, BrokerHealth, mark_historical
-from highside.service.outbox import Outbox
+from highside.service.outbox import Outbox, StoredMessage
 from highside.service.pace import BacklogPace
 from highside.service.quiet_log import QuietLog
 from highside.service.reconnect import Reconnect, instance_word, new_instance
@@ -110,7 +113,11 @@ class Publisher:
         self._stopped = asyncio.Event()
         self._stop_deadline_s = 0.0
         self._running = False
+        self._in_flight = InFlight(settings.ack_timeout_s, self._fail)
         self._pending: set[asyncio.Task[None]] = set()
+        """what is sent besides the outbox's messages"""
+        self._more = False
+        """the outbox may hold what there was no room for: the next acknowledgement makes some"""
         self._lost: LostConnection | None = None
         self._backlog_in_flight = 0
         # the backlog may fill half of the window: a live message then never waits for a slot
@@ -198,7 +205,7 @@ class Publisher:
     async def _one_connection(self) -> None:
         client = await self._client()
         try:
-            await self._connect(client)
+            await connect(client, self._stopping, timeout_s=self._settings.connect_timeout_s + 1.0)
         except (aiomqtt.MqttError, TimeoutError, OSError, ValueError) as error:
             reset(client)
             raise LostConnection(connect_reason(error), str(error) or "no answer") from error
@@ -223,7 +230,8 @@ class Publisher:
             self.connects += 1
             self.last_error = ""
             self._quiet.say(logging.INFO, "connected", "mqtt: connected to %s", self._settings.host)
-            self._outbox.begin_delivery(lambda: self._wake_from(loop), self._wake.set)
+            self._in_flight.begin(client)
+            self._outbox.begin_delivery(lambda: self._wake_from(loop), lambda: self._on_put(client))
             await self._send_until_lost(client)
             await self._farewell(client)
         except BaseException:
@@ -232,6 +240,7 @@ class Publisher:
         finally:
             self.connected = False
             self._outbox.end_delivery()
+            self._in_flight.end()
             listener.cancel()
             for task in self._pending:
                 task.cancel()
@@ -240,28 +249,6 @@ class Publisher:
             # returns at once when the socket was reset; after the farewell it says DISCONNECT
             with contextlib.suppress(aiomqtt.MqttError, TimeoutError):
                 await asyncio.wait_for(client.__aexit__(None, None, None), self._settings.ack_timeout_s)
-
-    async def _connect(self, client: aiomqtt.Client) -> None:
-        """Raises what aiomqtt raises, TimeoutError, or `LostConnection` when `stop` was called meanwhile."""
-        connect = asyncio.create_task(client.__aenter__())
-        stop = asyncio.create_task(self._stopping.wait())
-        try:
-            await asyncio.wait(
-                {connect, stop},
-                timeout=self._settings.connect_timeout_s + 1.0,
-                return_when=asyncio.FIRST_COMPLETED,
-            )
-        finally:
-            stop.cancel()
-            if not connect.done():
-                connect.cancel()
-                await asyncio.gather(connect, return_exceptions=True)
-        if not connect.cancelled():
-            connect.result()
-        elif self._stopping.is_set():
-            raise LostConnection("stopped", "asked to stop while connecting")
-        else:
-            raise TimeoutError
 
     def _wake_from(self, loop: asyncio.AbstractEventLoop) -> None:
         """Called in the outbox's thread."""
@@ -313,8 +300,8 @@ class Publisher:
             self._quiet.say(logging.ERROR, f"command {type(error).__name__}", text, topic, type(error).__name__, error)
 
     def _on_status(self, payload: bytes, retained: bool) -> None:
-        if payload == OFFLINE and not retained and self.connected and not self._stopping.is_set():
-            # the will of a connection that the broker has given up late, or somebody's who went: we are here
+        if payload != ONLINE and not retained and self.connected and not self._stopping.is_set():
+            # the will of a connection that the broker has given up late, somebody's who went, or who cleared it
             self._changed[self._status_topic] = None
             self._wake.set()
 
@@ -372,18 +359,22 @@ class Publisher:
     def _fill_window(self, client: aiomqtt.Client) -> None:
         settings = self._settings
         self._pace.grow()
-        while len(self._pending) < settings.in_flight:
+        room = settings.in_flight - len(self._pending)
+        self._more = True
+        while len(self._in_flight) < room and self._lost is None:
             free = self._backlog_in_flight < self._backlog_slots and self._pace.allowance >= 1.0
             taken = self._outbox.take(backlog=free)
             if taken is None:
+                self._more = not free
                 break
-            row, historical = taken
-            payload = mark_historical(row.payload) if historical else row.payload
-            self._backlog_in_flight += historical
-            self._pace.allowance -= historical
-            self._start(self._send(client, row.id, row.topic, payload, row.qos, historical))
-        if len(self._pending) < settings.in_flight:
+            self._send(*taken)
+        if len(self._in_flight) < room:
             self._send_what_can_wait(client)
+
+    def _on_put(self, client: aiomqtt.Client) -> None:
+        """A new message is sent in the callback that made it, unless something is to be looked at first."""
+        if self._lost is None and not self._stopping.is_set():
+            self._fill_window(client)
 
     def _start(self, work: Coroutine[None, None, None]) -> None:
         # tasks begin in the order of their making, so publishes keep theirs
@@ -391,48 +382,54 @@ class Publisher:
         self._pending.add(task)
         task.add_done_callback(self._pending.discard)
 
-    async def _send(
-        self, client: aiomqtt.Client, row_id: int, topic: str, payload: bytes, qos: int, historical: bool
-    ) -> None:
+    def _send(self, row: StoredMessage, historical: bool) -> None:
+        payload = mark_historical(row.payload) if historical else row.payload
+        self._pace.allowance -= historical
         try:
-            await self._publish(client, topic, payload, qos=qos, retain=False)
+            self._in_flight.send(row.topic, payload, row.qos, partial(self._acknowledged, row.id, historical))
         except LostConnection as lost:
             self._fail(lost)
         except ValueError as error:
             # a topic or size that the protocol cannot carry would be refused for ever, and block what follows
-            log.error("mqtt: a message on %r cannot be sent (%s) and is dropped", topic, error)
-            self._outbox.discard(row_id, "refused")
+            text = "mqtt: a message on %r cannot be sent (%s) and is dropped"
+            self._quiet.say(logging.ERROR, row.topic, text, row.topic, error)
+            self._outbox.discard(row.id, "refused")
         else:
-            self._outbox.ack(row_id)
-        finally:
-            self._backlog_in_flight -= historical
+            self._backlog_in_flight += historical
+
+    def _acknowledged(self, row_id: int, historical: bool) -> None:
+        self._outbox.ack(row_id)
+        self._backlog_in_flight -= historical
+        if self._more:
             self._wake.set()
 
     async def _send_value(self, client: aiomqtt.Client, topic: str, payload: bytes, *, retain: bool) -> None:
         try:
-            await self._publish(client, topic, payload, qos=1 if retain else 0, retain=retain)
-        except LostConnection as lost:
-            self._fail(lost)
-        except ValueError as error:
-            log.error("mqtt: the message on %r cannot be sent (%s)", topic, error)
-            self._retained.pop(topic, None)
+            await self._settle(client, topic, payload, qos=1 if retain else 0, retain=retain)
         finally:
             self._under_way.discard(topic)
             self._wake.set()
 
     async def _send_reply(self, client: aiomqtt.Client, reply: QueuedReply) -> None:
         try:
-            await self._publish(client, reply.topic, reply.payload, qos=1, retain=False)
-        except LostConnection as lost:
-            self._fail(lost)
-        except ValueError as error:
-            log.error("mqtt: an answer on %r cannot be sent (%s) and is dropped", reply.topic, error)
-            self._replies.sent(reply)
-        else:
-            self._replies.sent(reply)
+            if await self._settle(client, reply.topic, reply.payload, qos=1, retain=False):
+                self._replies.sent(reply)
         finally:
             self._replying = False
             self._wake.set()
+
+    async def _settle(self, client: aiomqtt.Client, topic: str, payload: bytes, *, qos: int, retain: bool) -> bool:
+        """Send and wait for the PUBACK. False if the connection was lost; what can never be sent is dropped."""
+        try:
+            await self._publish(client, topic, payload, qos=qos, retain=retain)
+        except LostConnection as lost:
+            self._fail(lost)
+            return False
+        except ValueError as error:
+            text = "mqtt: the message on %r cannot be sent (%s) and is dropped"
+            self._quiet.say(logging.ERROR, topic, text, topic, error)
+            self._retained.pop(topic, None)
+        return True
 
     async def _publish(self, client: aiomqtt.Client, topic: str, payload: bytes, *, qos: int, retain: bool) -> None:
         await publish(client, topic, payload, qos=qos, retain=retain, timeout_s=self._settings.ack_timeout_s)
@@ -441,8 +438,9 @@ class Publisher:
         self._send_changed(client)  # the last health, with the final counts
         loop = asyncio.get_running_loop()
         left_s = self._stop_deadline_s - loop.time()
-        if self._pending and left_s > 0.0:
-            await asyncio.wait(self._pending, timeout=left_s)
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(max(left_s, 0.0)):
+                await asyncio.gather(*self._pending, self._in_flight.emptied(), return_exceptions=True)
         gone = instance_word(OFFLINE, self.instance)
         await self._publish(client, self._instance_topic, gone, qos=1, retain=True)
         await self._publish(client, self._status_topic, OFFLINE, qos=1, retain=True)

@@ -20,6 +20,7 @@ that steps back can neither overwrite nor reorder anything.
 from __future__ import annotations
 
 import contextlib
+import errno
 import logging
 import os
 import re
@@ -36,6 +37,7 @@ from highside.config.recorder import RecorderSettings
 from highside.link.base import Batch, Chunk
 from highside.recording.candump import format_candump
 from highside.recording.files import flush_directory, make_directory
+from highside.recording.in_place import is_at
 from highside.recording.wire import SUFFIX, encode_header, encode_record
 from highside.service.quiet_log import QuietLog
 from highside.service.recorder_stats import REASONS, DropReason, RecorderState, RecorderStats
@@ -285,6 +287,9 @@ class Recorder:
         elif segment.dirty and now - segment.synced_mono >= self._settings.fsync_interval_s:
             os.fdatasync(segment.descriptor)
             segment.dirty = False
+            if not is_at(segment.path, segment.descriptor):
+                # what is written goes on being taken by a file that nobody will find: a new one, with a word about it
+                raise FileNotFoundError(errno.ENOENT, f"{segment.path.name} was deleted or moved while it was written")
 
     def _settle(self, state: RecorderState) -> None:
         with self._lock:

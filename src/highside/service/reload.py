@@ -40,6 +40,7 @@ from highside.service.parts import ServiceParts, Tap, make_supervisor
 from highside.service.pipeline import Pipeline
 from highside.service.places import ToolLock
 from highside.service.publisher import Publisher
+from highside.service.quiet_log import QuietLog
 from highside.service.rig.metrics import MetricsServer
 from highside.service.rig.rig import Rig, run_outputs
 from highside.service.watch_keeper import WatchKeeper, WatchParts
@@ -327,6 +328,7 @@ class Reloader:
     def __init__(self, service: Reloadable, load: Callable[[], Settings] | None) -> None:
         self._service, self._load = service, load
         self._requested = asyncio.Event()
+        self._quiet, self._quiet_changes, self._said = QuietLog(log), QuietLog(log), ""
         self.count = 0
         self.refused: dict[str, Any] | None = None
         """of the last attempt: what, and as far as it is known where and which field"""
@@ -357,13 +359,22 @@ class Reloader:
         except Exception as error:
             if reload is None or not reload.done:
                 self.refused = _refusal(error, "beginning" if reload is None else reload.doing)
-                log.error("reload refused, the old configuration stays in force: %s", self.refused["refused"])
+                self._say(
+                    logging.ERROR, "reload refused, the old configuration stays in force: %s", self.refused["refused"]
+                )
                 log.debug("reload refused", exc_info=error)
                 return
-            log.error("reloaded, but something of before was not closed: %s", error_text(error))
+            self._say(logging.ERROR, "reloaded, but something of before was not closed: %s", error_text(error))
         self.refused = None
         self.count += 1
-        log.info(self._outcome())
+        self._say(logging.INFO, self._outcome())
+
+    def _say(self, level: int, text: str, *args: object) -> None:
+        """One line of an outcome a minute, and one of each change from one outcome to another."""
+        outcome = text % args if args else text
+        if not self._quiet.say(level, outcome, "%s", outcome) and outcome != self._said:
+            self._quiet_changes.say(level, f"{self._said} -> {outcome}", "%s", outcome)
+        self._said = outcome
 
     def _outcome(self) -> str:
         if self.refused is not None:

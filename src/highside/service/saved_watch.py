@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field, ValidationError
 
 from highside.arrays import Array
@@ -20,9 +21,16 @@ from highside.reading import parse_json, read_document
 from highside.recording.files import write_whole
 from highside.service.saved_drift import Stamp
 from highside.service.strict import Strict
-from highside.watch.memory import LAYOUT, WatchMemory
+from highside.watch.memory import LAYOUT, TRACE_WIDTH, WatchMemory
 
 Count = Annotated[int, Field(ge=0)]
+SPAN_S = 86_400.0
+"""how far back the history of a picture goes, s"""
+POINTS = 144
+"""of it at most, evenly in time: one each ten minutes of a day, the shortest distance of two onsets. 40 KB as JSON"""
+
+MOST_EARLIER = 12
+"""calibrations before the one in force whose traces are kept: one each two hours of the last day"""
 
 
 class Numbers(Strict):
@@ -52,6 +60,7 @@ class WatchFacts(Strict):
     last_s: float
     onset_s: float | None
     depth_km: float | None
+    deeper_km: float = 0.0
     ref_c: float | None
     warmer_c: float
     alarm_s: float | None
@@ -59,6 +68,26 @@ class WatchFacts(Strict):
     stills: Count
     turns: Count
     left_out: dict[str, Count]
+
+
+class EarlierTrace(Strict):
+    """What was seen under a calibration before the one in force, for a picture of the last day alone."""
+
+    cal_id: str
+    until_s: float
+    """of the watch, when the next one began"""
+    why: str
+    """the next one began anew"""
+    trace: Numbers
+
+    def rows(self) -> Array:
+        """(K, `TRACE_WIDTH`), as in `WatchMemory`. Raises ValueError."""
+        rows = self.trace.values()
+        if rows.ndim != 2 or rows.shape[1] != TRACE_WIDTH or not np.isfinite(rows).all():
+            raise ValueError("an earlier trace is none")
+        if (np.diff(rows[:, 0]) < 0.0).any() or (rows[:, 0] > self.until_s).any():
+            raise ValueError("an earlier trace is not in the order of time")
+        return rows
 
 
 class SavedWatch(Strict):
@@ -76,6 +105,7 @@ class SavedWatch(Strict):
     """the claims, by their key"""
     facts: WatchFacts
     arrays: dict[str, Numbers]
+    earlier: list[EarlierTrace] = Field(default_factory=list)
     age_s: float | None = None
 
     def memory(self) -> WatchMemory:
@@ -91,6 +121,31 @@ def facts_of(memory: WatchMemory) -> WatchFacts:
         **{name: getattr(memory, name) for name in WatchFacts.model_fields if name != "left_out"},
         left_out=dict(memory.left_out),
     )
+
+
+def last_of_each(t_s: Array, now_s: float) -> NDArray[np.intp]:
+    """Which of the times (K,) of a trace a picture shows: of the last day the last in each of `POINTS` intervals."""
+    # of the watch's own time, so that what was said once does not move
+    bins = np.floor(t_s / (SPAN_S / POINTS))
+    last = np.append(np.diff(bins) > 0.0, True)[: bins.size]
+    return np.flatnonzero(last & (t_s >= now_s - SPAN_S))[-POINTS:]
+
+
+def earlier_traces(before: SavedWatch, why: str) -> tuple[EarlierTrace, ...]:
+    """What a watch that begins anew keeps of the one `before` it: what a picture of the last day shows. Nothing of a
+    state that is none."""
+    try:
+        rows = before.memory().arrays["trace"]
+        mine = EarlierTrace(
+            cal_id=before.cal_id,
+            until_s=before.t_s,
+            why=why,
+            trace=Numbers.of(rows[last_of_each(rows[:, 0], before.t_s)]),
+        )
+        found = [*before.earlier, mine]
+        return tuple(one for one in found if last_of_each(one.rows()[:, 0], before.t_s).size)[-MOST_EARLIER:]
+    except (ValueError, KeyError, IndexError):
+        return ()
 
 
 class WatchFile(Strict):

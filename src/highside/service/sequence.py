@@ -17,6 +17,8 @@ from struct import Struct, error
 from typing import NamedTuple
 from zlib import crc32
 
+from highside.service.outbox_places import Places
+
 BLOCK = 200
 """Numbers reserved at a time: the most that is omitted after a crash. At 10 messages a second, where the next block is
 reserved when half of this one is used, a page of 4 KiB is written every 10 s: 41 bytes a message."""
@@ -47,6 +49,7 @@ class SequenceFile:
     def __init__(self, path: Path) -> None:
         self._path = path
         self._descriptor = -1
+        self._places = Places()
         self._slot_bytes = _SLOT_BYTES
         self._generation = 0
 
@@ -67,6 +70,7 @@ class SequenceFile:
             os.close(descriptor)
             raise
         self._descriptor = descriptor
+        self._places.note(self._path, descriptor)
         found = sorted((slot for slot in slots if slot is not None and slot[0] > 0), key=lambda slot: slot[0])
         if not found:
             self._generation = 0
@@ -94,6 +98,10 @@ class SequenceFile:
                 os.fdatasync(self._descriptor)
         self._generation += 1
 
+    def moved(self) -> bool:
+        """Whether the path leads to no file, or to another than is open."""
+        return self._places.moved(self._path)
+
     def _grow(self, content: bytes) -> None:
         """A larger file, written beside and renamed."""
         slot_bytes = self._slot_bytes
@@ -112,6 +120,7 @@ class SequenceFile:
             raise
         os.close(self._descriptor)
         self._descriptor, self._slot_bytes = descriptor, slot_bytes
+        self._places.note(self._path, descriptor)
 
     def close(self) -> None:
         """Give the file back; what was written is on the disk already."""
@@ -119,6 +128,7 @@ class SequenceFile:
             with contextlib.suppress(OSError):
                 os.close(self._descriptor)
             self._descriptor = -1
+        self._places.forget(self._path)
 
 
 def _render(generation: int, first_free: Mapping[str, int], orderly: bool) -> bytes:

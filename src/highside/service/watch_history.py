@@ -1,52 +1,66 @@
 """What the watch has seen over the last day, for a picture: parameters with their standard deviations over time.
 
-It is read from the watch's own trace, which is part of the state that is kept: it outlasts a restart, and begins anew
-with another calibration record, since deviations are from the record in force.
+It is read from the watch's own trace, which is part of the state that is kept, and outlasts a restart. Deviations are
+from the record in force at the time: where another one came into force, the history goes on and says when.
 """
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 
-from highside.service.watch_messages import WatchHistory, WatchTrace
+from highside.arrays import Array
+from highside.service.saved_watch import POINTS, SPAN_S, last_of_each
+from highside.service.watch_messages import WatchChange, WatchHistory, WatchTrace
 from highside.service.watch_stage import WatchStage
 from highside.watch.parameters import CALIBRATION, NAMES, UNITS
 
 __all__ = ["POINTS", "SPAN_S", "history"]
 
-SPAN_S = 86_400.0
-"""how far back it goes, s"""
-POINTS = 144
-"""at most, evenly in time: one each ten minutes of a day, the shortest distance of two onsets. 40 KB as JSON"""
 DIGITS = 4
 """of a number: a tenth of a pixel of a picture"""
 
 
 def history(stage: WatchStage, now_s: float) -> WatchHistory:
     """The last day by the tool's own time, back from `now_s` (UTC); the last measurement of each interval."""
-    said, trace = stage.said, stage.said.trace
-    since = stage.t_s - SPAN_S
-    # of the watch's own time, so that what was said once does not move
-    bins = np.floor(trace.t_s / (SPAN_S / POINTS))
-    last_of_bin = np.append(np.diff(bins) > 0.0, True)[: bins.size]
-    chosen = np.flatnonzero(last_of_bin & (trace.t_s >= since))[-POINTS:]
+    rows = np.vstack([*(one.rows() for one in stage.earlier), _rows(stage)])
+    rows = rows[last_of_each(rows[:, 0], stage.t_s)]
+    since_s = stage.t_s - SPAN_S
+    value, std = rows[:, 1 : 1 + CALIBRATION], rows[:, 1 + CALIBRATION : 1 + 2 * CALIBRATION]
+
+    def utc(t_s: float) -> float:
+        return round(now_s - (stage.t_s - t_s), 1)
+
+    ids = [*(one.cal_id for one in stage.earlier), stage.cal_id]
     return WatchHistory(
         t=round(now_s, 3),
         cal_id=stage.cal_id,
         began=stage.began,
-        threshold=said.threshold,
-        times=[round(now_s - (stage.t_s - float(t)), 1) for t in trace.t_s[chosen]],
-        inclination_deg=[round(float(one), 2) for one in trace.inclination_deg[chosen]],
-        evidence=[_short(one) for one in trace.evidence[chosen]],
+        threshold=stage.said.threshold,
+        times=[utc(float(t)) for t in rows[:, 0]],
+        inclination_deg=[round(float(one), 2) for one in rows[:, -2]],
+        evidence=[_short(one) for one in rows[:, -1]],
         parameters={
             name: WatchTrace(
                 unit=UNITS[name],
-                value=[_short(one) for one in trace.value[chosen, k]],
-                std=[_short(one) for one in trace.std[chosen, k]],
+                value=[_short(one) for one in value[:, k]],
+                std=[_short(one) for one in std[:, k]],
             )
             for k, name in enumerate(NAMES[:CALIBRATION])
         },
+        changes=[
+            WatchChange(t=utc(one.until_s), before=before, cal_id=then, why=one.why)
+            for one, (before, then) in zip(stage.earlier, pairwise(ids), strict=True)
+            if one.until_s >= since_s
+        ],
     )
+
+
+def _rows(stage: WatchStage) -> Array:
+    """(K, `TRACE_WIDTH`) of the watch in force, as `WatchMemory` has them."""
+    trace = stage.said.trace
+    return np.column_stack([trace.t_s, trace.value, trace.std, trace.inclination_deg, trace.evidence])
 
 
 def _short(value: float) -> float:

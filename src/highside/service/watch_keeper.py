@@ -1,7 +1,7 @@
 """Around the watch: its sums in a thread, its state on disk, its commands, its retained message.
 
 The prior is the calibration record in force. Another record, or another gravity of the site, begins the watch anew and
-says so; other limits go on with what was seen.
+says so, and the history of the last day goes on with a mark; other limits go on with what was seen.
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ from highside.service.watch_messages import (
     WatchDeparture,
     WatchError,
     WatchMessage,
+    WatchNoise,
     WatchParameter,
     WatchReply,
 )
@@ -117,7 +118,8 @@ class WatchKeeper:
                 carried = before.saved().model_copy(update={"age_s": 0.0})
                 return self._made(settings, of, carried, "went on under other limits")
             changed = "the calibration" if before.cal_id != of.record.id else "the site's gravity"
-            return self._made(settings, of, None, f"began anew: {changed} is another one ({of.record.id[:12]})")
+            why = f"began anew: {changed} is another one ({of.record.id[:12]})"
+            return self._made(settings, of, None, why, before.saved().model_copy(update={"age_s": 0.0}))
         return self._load(settings, of)
 
     def _load(self, settings: Settings, of: Watched) -> WatchParts:
@@ -130,9 +132,9 @@ class WatchKeeper:
             return self._made(settings, of, None, "began from the record")
         if saved.cal_id != of.record.id:
             why = f"began anew: the calibration is another one ({of.record.id[:12]}, before {saved.cal_id[:12]})"
-            return self._made(settings, of, None, why)
+            return self._made(settings, of, None, why, saved)
         if saved.gravity != of.gravity:
-            return self._made(settings, of, None, "began anew: the site's gravity is another one")
+            return self._made(settings, of, None, "began anew: the site's gravity is another one", saved)
         age = "of unknown age" if saved.age_s is None else f"{saved.age_s:.1f} s old"
         try:
             return WatchParts(settings, self._stage(settings, of, saved, f"taken up again, {age}"))
@@ -146,15 +148,35 @@ class WatchKeeper:
         parts = self._made(settings, of, None, "began anew: what was kept is damaged")
         return WatchParts(settings, parts.stage, text, parts.why_not)
 
-    def _made(self, settings: Settings, of: Watched, saved: SavedWatch | None, began: str) -> WatchParts:
+    def _made(
+        self,
+        settings: Settings,
+        of: Watched,
+        saved: SavedWatch | None,
+        began: str,
+        follows: SavedWatch | None = None,
+    ) -> WatchParts:
         try:
-            return WatchParts(settings, self._stage(settings, of, saved, began))
+            return WatchParts(settings, self._stage(settings, of, saved, began, follows))
         except InputError as error:
             return WatchParts(settings, None, why_not=error_text(error))
 
-    def _stage(self, settings: Settings, of: Watched, saved: SavedWatch | None, began: str) -> WatchStage:
+    def _stage(
+        self,
+        settings: Settings,
+        of: Watched,
+        saved: SavedWatch | None,
+        began: str,
+        follows: SavedWatch | None = None,
+    ) -> WatchStage:
         return WatchStage(
-            settings.watch, of, saved, loaded_mono=time.monotonic(), began=began, on_stretch=self._wake.set
+            settings.watch,
+            of,
+            saved,
+            follows=follows,
+            loaded_mono=time.monotonic(),
+            began=began,
+            on_stretch=self._wake.set,
         )
 
     # --- running -----------------------------------------------------------------------------------------------
@@ -335,6 +357,19 @@ def message(stage: WatchStage, now_s: float) -> WatchMessage:
         stated=_error(said.stated),
         noise_grown=said.noise_grown,
         noise_ratio=said.noise_ratio,
+        undecided=said.undecided,
+        noise_changes=[
+            WatchNoise(
+                axis=one.axis,
+                effect=one.effect,
+                of=one.of,
+                factor=one.factor,
+                scatter_g=one.scatter_g,
+                since_t=utc(one.since_s),
+                rests=one.rests,
+            )
+            for one in said.noise_changes
+        ],
         watched_s=said.duration_s,
         stills=said.counts.stills,
         turns=said.counts.turns,

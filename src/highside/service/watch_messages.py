@@ -38,6 +38,18 @@ class WatchDeparture(Payload):
     acknowledged: bool = Field(description="Whether somebody has taken note: the alarm has ended.")
 
 
+class WatchNoise(Payload):
+    """An axis whose readings at rest scatter otherwise than before. Nothing of the calibration departs by it."""
+
+    axis: Literal["x", "y", "z"]
+    effect: str = Field(description="Of the library of effects: reading_noise or coloured_noise.")
+    of: str = Field(description="What scatters: single readings, or means of two seconds.")
+    factor: float = Field(ge=0, description="Of the scatter to that of before; below one: less.")
+    scatter_g: float = Field(ge=0, description="Now, one standard deviation.")
+    since_t: float = Field(description="UTC, by the tool's own time back from now: the first rest that shows it.")
+    rests: Count = Field(description="Rests that show it.")
+
+
 class WatchParameter(Payload):
     """How far a parameter is from the calibration in force."""
 
@@ -66,6 +78,12 @@ class WatchMessage(Payload):
     stated: WatchError | None = Field(description="One standard deviation of the record at the present attitude.")
     noise_grown: bool
     noise_ratio: float = Field(description="Of the innovations' standard deviation to the stated one.")
+    undecided: Count = Field(
+        default=0, description="Measurements that noise which has grown or a departure has made: the next ones tell."
+    )
+    noise_changes: list[WatchNoise] = Field(
+        default_factory=list, description="Axes whose own noise has changed, by what their readings scatter at rest."
+    )
     watched_s: float = Field(ge=0, description="Seconds since the watch began.")
     stills: Count = Field(description="Rests used.")
     turns: Count = Field(description="Windows of rotation used.")
@@ -81,17 +99,31 @@ class WatchTrace(Payload):
     std: list[float] = Field(description="Standard deviation of each; bands of 95 % are two of them.")
 
 
+class WatchChange(Payload):
+    """Where the watch began anew within `WatchHistory`: deviations before and after are from different records."""
+
+    t: float = Field(description="UTC, by the tool's own time back from now: the last reading before.")
+    before: str = Field(description="The calibration record in force before.")
+    cal_id: str = Field(description="The one in force from then on.")
+    why: str
+
+
 class WatchHistory(Payload):
     """`<prefix>/<tool>/watch/history` (retained): how far the tool was from its calibration over the last day."""
 
     t: float = Field(description="UTC, seconds since 1970, of what was said.")
     cal_id: str
-    began: str = Field(description="From what this watch goes on: the history begins anew with another record.")
+    began: str = Field(description="From what this watch goes on, or why it began anew.")
     threshold: float = Field(description="Evidence from which something departs.")
     times: list[float] = Field(description="UTC, by the tool's own time back from now; 144 at most, over 24 hours.")
     inclination_deg: list[float]
     evidence: list[float] = Field(description="Twice the log-likelihood ratio of the likeliest departure against none.")
-    parameters: dict[str, WatchTrace] = Field(description="Deviations from the calibration, by the names of `watch`.")
+    parameters: dict[str, WatchTrace] = Field(
+        description="Deviations from the calibration then in force, by the names of `watch`."
+    )
+    changes: list[WatchChange] = Field(
+        default_factory=list, description="Where another record, or another gravity of the site, came into force."
+    )
 
 
 class WatchCommand(CommandMessage):

@@ -20,7 +20,7 @@ from highside.calibration.correction import Vector
 from highside.calibration.record import CalibrationRecord
 from highside.config.watch import WatchSettings
 from highside.errors import Refused
-from highside.service.saved_watch import Numbers, SavedWatch, facts_of
+from highside.service.saved_watch import EarlierTrace, Numbers, SavedWatch, earlier_traces, facts_of
 from highside.watch import Watch, WatchResult, prior_of_record
 from highside.watch.live import LiveRows, LiveWatch, Stretch
 from highside.watch.memory import LAYOUT
@@ -29,6 +29,10 @@ from highside.watch.turning import mean_span
 
 DEPARTS = "calibration_departs"
 """the flag of attitudes and surveys, and the alarm"""
+DEPTH = "tvd_m"
+"""the column, as in a recording, in which a codec hands out the true vertical depth"""
+DEPTHS_M = (-500.0, 15_000.0)
+"""what is beyond these is no depth of a hole; markers of a missing value among them (-999.25, -9999)"""
 COVERAGE = 2.0
 """standard deviations that an error must exceed to be flagged"""
 WAITING = 64
@@ -74,11 +78,13 @@ class WatchStage:
         of: Watched,
         saved: SavedWatch | None = None,
         *,
+        follows: SavedWatch | None = None,
         loaded_mono: float = 0.0,
         began: str = "began from the record",
         on_stretch: Callable[[], None] = lambda: None,
     ) -> None:
-        """Raises InputError for a record that cannot be watched, Refused for a `saved` state that is none."""
+        """`follows`: the state of a watch under another record, whose time and history go on, and nothing else of it.
+        Raises InputError for a record that cannot be watched, Refused for a `saved` state that is none."""
         self.of, self.cal_id = of, of.record.id
         self._settings = settings
         watch = self._new_watch()
@@ -86,6 +92,8 @@ class WatchStage:
         if saved is not None:
             try:
                 watch.recall(saved.memory())
+                for one in saved.earlier:
+                    one.rows()
             except (ValueError, KeyError) as error:
                 raise Refused(f"is no saved watch: {error}") from None
             calmest = saved.calmest_g, saved.calmest_s
@@ -94,8 +102,14 @@ class WatchStage:
         self.acknowledged: set[str] = set() if saved is None else set(saved.acknowledged)
         self.waiting: deque[Stretch] = deque()
         self.dropped = 0
-        self._rows = LiveRows(0.0 if saved is None else saved.t_s)
-        self._before, self._loaded_mono = saved, loaded_mono
+        before = follows if saved is None else saved
+        self._rows = LiveRows(0.0 if before is None else before.t_s)
+        self._before, self._loaded_mono = before, loaded_mono
+        self._follows = follows is not None
+        self.earlier: tuple[EarlierTrace, ...] = ()
+        """what was seen under other calibrations within the last day"""
+        if before is not None:
+            self.earlier = tuple(before.earlier) if follows is None else earlier_traces(follows, began)
         self._on_stretch = on_stretch
         self._sum = [0.0, 0.0, 0.0]
         self._n = 0
@@ -116,6 +130,7 @@ class WatchStage:
         self.core = LiveWatch(self._new_watch(), *self.core.calmest)
         self.waiting.clear()
         self.acknowledged, self.began = set(), "began anew, as was asked for"
+        self.earlier = ()
         self.take_result(self.core.result())
 
     # --- readings ----------------------------------------------------------------------------------------------
@@ -130,8 +145,17 @@ class WatchStage:
         self._sum[2] += gz_dps
         self._n += 1
 
-    def close(self, t_s: float, t_mono: float, c: Vector, temp_c: float | None) -> None:
-        """The frames added since the last call have the mean device time `t_s`; `c` is their corrected mean, g."""
+    def close(
+        self,
+        t_s: float,
+        t_mono: float,
+        c: Vector,
+        temp_c: float | None,
+        depth_m: float | None = None,
+        vibration_g: float | None = None,
+    ) -> None:
+        """The frames added since the last call have the mean device time `t_s`; `c` is their corrected mean, g.
+        `depth_m`: true vertical; `vibration_g`: rms of all axes over the last second."""
         n, rates, span = self._n, None, 0.0
         if n:
             span = mean_span(self._first_s, self._last_s, n)
@@ -143,8 +167,10 @@ class WatchStage:
             self._before = None
         since = t_mono - self._t_mono
         self._device_s, self._t_mono = t_s, t_mono
+        if depth_m is not None and not DEPTHS_M[0] < depth_m < DEPTHS_M[1]:
+            depth_m = None
         g = self.of.gravity
-        done = self._rows.add(t_s, (c[0] / g, c[1] / g, c[2] / g), rates, temp_c, since, span)
+        done = self._rows.add(t_s, (c[0] / g, c[1] / g, c[2] / g), rates, temp_c, since, span, depth_m, vibration_g)
         if done is not None:
             self._put(done)
 
@@ -156,7 +182,8 @@ class WatchStage:
             if before.t_device_s is not None:
                 went_on = abs(t_s - before.t_device_s - age) < SAME_CLOCK_S + SAME_CLOCK_SHARE * age
         self._rows.unseen(age or 0.0)
-        if not went_on:
+        # a watch that begins with a record allows for another turn-on bias as it is
+        if not went_on and not self._follows:
             self._rows.power_up = True
 
     def finish(self) -> None:
@@ -233,6 +260,7 @@ class WatchStage:
             acknowledged=sorted(self.acknowledged),
             facts=facts_of(memory),
             arrays={name: Numbers.of(values) for name, values in memory.arrays.items()},
+            earlier=list(self.earlier),
         )
 
     def figures(self) -> dict[str, float | None]:
@@ -258,6 +286,7 @@ class WatchStage:
             "acknowledged": claim is not None and not self.departs,
             "deviation": {name: one.value for name, one in said.parameters.items()},
             "std": {name: one.std for name, one in said.parameters.items()},
+            "noise": {one.axis: one.factor for one in said.noise_changes},
             "stills": said.counts.stills,
             "turns": said.counts.turns,
             "left_out": dict(said.counts.left_out),

@@ -6,7 +6,8 @@ have a mean that is linear in `size`: one column `D` (N,) a hypothesis and onset
     s = L^-1 H D,   information += s's,   score += s'e,   D -= K H D,
 
 with e the whitened innovations and L their root (Willsky and Jones 1976). `score^2 / information` is twice the
-log-likelihood ratio at the best size `score / information`. A drift adds `direction x hours` to its column instead.
+log-likelihood ratio at the best size `score / information`. A drift begins with a column of zeros, to which each hour
+adds `direction`.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highside.arrays import Array
-from highside.watch.parameters import AXES, GRAVITY, INDEX, KT, KV, MATRIX, OFFSETS, SIZE, B, S
+from highside.watch.parameters import AXES, GRAVITY, INDEX, KT, KV, MATRIX, OFFSETS, SIZE, S
 from highside.watch.policy import WatchPolicy
 
 __all__ = ["HYPOTHESES", "Bank", "Filter", "Hypothesis", "Scored", "Update"]
@@ -54,8 +55,8 @@ def _hypotheses() -> tuple[Hypothesis, ...]:
     for k, axis in enumerate(AXES):
         rest.append(Hypothesis(f"kT_{axis}", "temperature_bias", "g/degC", _unit(KT + k), onsets=False))
         rest.append(Hypothesis(f"kV_{axis}", "axis_vibration_rectification", "g/g^2", _unit(KV + k), onsets=False))
-        rest.append(Hypothesis(f"drift_{axis}", "bias_drift", "g/h", _unit(B + k), onsets=False, drifts=True))
-    return (*steps, *rest)
+    drifts = [Hypothesis(f"drift_{i}", "bias_drift", "g/h", _unit(INDEX[f"b_{i}"]), drifts=True) for i in AXES]
+    return (*steps, *rest, *drifts)
 
 
 HYPOTHESES = _hypotheses()
@@ -91,6 +92,11 @@ class Filter:
         """Let time pass."""
         self.covariance = self.covariance + self.process_noise * hours
         self.walked = self.walked + self.process_noise * hours
+
+    def innovations(self, y: Array, H: Array) -> Array:
+        """(M,) whitened, that `take` would have."""
+        root = np.linalg.cholesky(H @ self.covariance @ H.T + np.eye(y.size))
+        return np.asarray(np.linalg.solve(root, y - H @ self.state), dtype=np.float64)
 
     def take(self, y: Array, H: Array) -> Update:
         """A measurement `y = H x + e` with e of unit variance."""
@@ -131,13 +137,14 @@ class Bank:
     def __init__(self, policy: WatchPolicy) -> None:
         self._policy = policy
         everywhere = [k for k, h in enumerate(HYPOTHESES) if h.onsets]
-        self._new = np.array([HYPOTHESES[k].direction for k in everywhere]).T
+        directions = np.array([HYPOTHESES[k].direction for k in everywhere]).T
+        drifting = np.array([HYPOTHESES[k].drifts for k in everywhere])
+        self._new = directions * ~drifting
         self._new_of = np.array(everywhere, dtype=np.intp)
+        self._ramps = [(int(k), directions[:, k]) for k in np.flatnonzero(drifting)]
+        """of the columns of one onset those that grow, and by what an hour"""
         first = [k for k, h in enumerate(HYPOTHESES) if not h.onsets]
         self._D = np.array([HYPOTHESES[k].direction for k in first]).T
-        drifting = np.array([HYPOTHESES[k].drifts for k in first])
-        self._ramp = self._D * drifting
-        self._D = self._D * ~drifting
         self._of: NDArray[np.intp] = np.array(first, dtype=np.intp)
         self._since = np.zeros(len(first))
         self._information = np.zeros(len(first))
@@ -146,18 +153,21 @@ class Bank:
         self.begun = False
 
     def wait(self, hours: float) -> None:
-        """Let drifts grow."""
-        self._D[:, : self._first] += self._ramp * hours
+        """Let drifts grow, each from its onset on."""
+        width = self._new_of.size
+        for column, ramp in self._ramps:
+            self._D[:, self._first + column :: width] += (ramp * hours)[:, None]
 
     def begin(self, t_s: float) -> None:
-        """From here on all steps may have happened."""
+        """From here on all steps may have happened, and all drifts have begun. Onsets that are no longer recent are
+        thinned to `WatchPolicy.onset_s`, one at a time."""
         if not self.begun:
             self._since[: self._first] = t_s
         self.begun = True
         width = self._new_of.size
         drop: slice | None = None
-        if (self._of.size - self._first) // width >= self._policy.most_onsets:
-            drop = slice(self._first + width, self._first + 2 * width)
+        if (leaves := self._leaving(t_s)) is not None:
+            drop = slice(self._first + leaves * width, self._first + (leaves + 1) * width)
         for name, new in (
             ("_D", self._new),
             ("_of", self._new_of),
@@ -169,6 +179,15 @@ class Bank:
             if drop is not None:
                 held = np.delete(held, drop, axis=-1)
             setattr(self, name, np.concatenate([held, new], axis=-1))
+
+    def _leaving(self, t_s: float) -> int | None:
+        """Which onset makes room for one at `t_s`; never the first, which is that of the watch."""
+        onsets, policy = self._since[self._first :: self._new_of.size], self._policy
+        close = np.diff(onsets) < policy.onset_s
+        old = np.flatnonzero(close & (onsets[1:] < t_s - policy.recent_s))
+        if old.size:
+            return int(old[0]) + 1
+        return 1 if onsets.size >= policy.most_onsets else None
 
     def take(self, update: Update) -> None:
         """What one measurement says of all."""
@@ -182,7 +201,6 @@ class Bank:
         """All it has gathered, in numbers: for `recall`."""
         return {
             "D": self._D.copy(),
-            "ramp": self._ramp.copy(),
             "of": self._of.astype(float),
             "since": self._since.copy(),
             "information": self._information.copy(),
@@ -194,7 +212,7 @@ class Bank:
         of = memory["of"].astype(np.intp)
         width, first = self._new_of.size, self._first
         count = of.size
-        shapes = {"D": (SIZE, count), "ramp": (SIZE, first), "of": (count,)}
+        shapes = {"D": (SIZE, count), "of": (count,)}
         shapes |= dict.fromkeys(("since", "information", "score"), (count,))
         if any(memory[name].shape != shape for name, shape in shapes.items()):
             raise ValueError("columns that do not fit one another")
@@ -205,7 +223,7 @@ class Bank:
         if not np.all(memory["information"] >= 0.0):
             raise ValueError("information below zero")
         self._of = of
-        self._D, self._ramp = memory["D"].copy(), memory["ramp"].copy()
+        self._D = memory["D"].copy()
         self._since = memory["since"].copy()
         self._information, self._score = memory["information"].copy(), memory["score"].copy()
         self.begun = onsets > 0

@@ -22,7 +22,7 @@ from highside.arrays import Array
 from highside.watch.memory import WatchMemory
 from highside.watch.monitor import Watch
 from highside.watch.result import WatchResult
-from highside.watch.rows import REST, Rows, stills, turnings
+from highside.watch.rows import REST, Calmest, Rows, stills, turnings
 from highside.watch.turning import TURNING, Left
 
 __all__ = ["LIVE", "LiveRows", "LiveWatch", "Stretch"]
@@ -36,14 +36,11 @@ class LivePolicy:
     """over which the mean rate says whether the tool turns: stick-slip stops for a moment in the midst of a turn"""
     most_rows: int = 65_536
     """of one stretch: 100 readings a second for the longest rest"""
-    shaking: float = 4.0
-    """scatter of a rest, in units of the calmest one, from which it is none: pumps and rotation elsewhere in the string
-    shake a tool that does not turn, and rectify. As `service.stillness` has it of windows (16 of the variance)"""
-    calm_memory_s: float = 3600.0
-    """in about this time the calmest rest is forgotten: a sensor's noise may grow"""
 
 
 LIVE = LivePolicy()
+COLUMNS = 11
+"""of a reading, as they are collected"""
 
 
 @dataclass(frozen=True)
@@ -65,8 +62,8 @@ class LiveRows:
         self._device_s: float | None = None
         self.power_up = False
         """the tool was switched on since the last stretch"""
-        self._columns = [array("d") for _ in range(9)]
-        """t, c (3), rate (3), temperature, span of the mean"""
+        self._columns = [array("d") for _ in range(COLUMNS)]
+        """t, c (3), rate (3), temperature, span of the mean, depth, vibration"""
         self._second = 0.0
         self._sum, self._n = 0.0, 0
         self._means: deque[float] = deque(maxlen=max(1, round(LIVE.calm_s)))
@@ -87,10 +84,12 @@ class LiveRows:
         temp_c: float | None,
         since_last_s: float = 0.0,
         span_s: float = 0.0,
+        depth_m: float | None = None,
+        vibration_g: float | None = None,
     ) -> Stretch | None:
         """One reading: the tool's own time, corrected acceleration in g, rates. `since_last_s`: by the host's clock,
-        for when the tool's began anew; `span_s` of a reading that is a mean: `turning.mean_span`. Returns a stretch
-        that ended before this reading."""
+        for when the tool's began anew; `span_s` of a reading that is a mean: `turning.mean_span`; true vertical depth
+        and vibration rms, where known. Returns a stretch that ended before this reading."""
         done: Stretch | None = None
         last = self._device_s
         self._device_s = device_s
@@ -110,7 +109,8 @@ class LiveRows:
         done = self._judged(rate_radps) or done
         nan = math.nan
         rate = (nan, nan, nan) if rate_radps is None else rate_radps
-        row = (self.t_s, *c, *rate, nan if temp_c is None else temp_c, span_s)
+        beside = (nan if value is None else value for value in (depth_m, vibration_g))
+        row = (self.t_s, *c, *rate, nan if temp_c is None else temp_c, span_s, *beside)
         for column, value in zip(self._columns, row, strict=True):
             column.append(value)
         return done
@@ -136,19 +136,27 @@ class LiveRows:
 
     def cut(self) -> Stretch | None:
         """End the stretch under way; None where it is too short to say anything."""
-        columns, self._columns = self._columns, [array("d") for _ in range(9)]
+        columns, self._columns = self._columns, [array("d") for _ in range(COLUMNS)]
         t = columns[0]
         if len(t) < 2 or t[-1] - t[0] < REST.shortest_s / 2.0:
             return None
         values = np.array(columns)
-        rates: Array | None = values[4:7]
-        if rates is not None and not np.isfinite(rates).any():
-            rates = None
-        temp: Array | None = values[7]
-        if temp is not None and not np.isfinite(temp).any():
-            temp = None
         power_up, self.power_up = self.power_up, False
-        return Stretch(Rows(values[0], values[1:4], rates, temp, span_s=values[8]), self._turning, power_up)
+        rows = Rows(
+            values[0],
+            values[1:4],
+            _known(values[4:7]),
+            _known(values[7]),
+            _known(values[9]),
+            _known(values[10]),
+            values[8],
+        )
+        return Stretch(rows, self._turning, power_up)
+
+
+def _known(values: Array) -> Array | None:
+    """None for a quantity that no reading had."""
+    return values if np.isfinite(values).any() else None
 
 
 class LiveWatch:
@@ -156,14 +164,13 @@ class LiveWatch:
 
     def __init__(self, watch: Watch, calmest_g: float | None = None, calmest_s: float = 0.0) -> None:
         self._watch = watch
-        self._calmest_g, self._calmest_s = calmest_g, calmest_s
-        """scatter of a reading in the calmest rest, and when that was last judged"""
+        self._calmest = Calmest(calmest_g, calmest_s)
         self._lock = Lock()
 
     @property
     def calmest(self) -> tuple[float | None, float]:
         """To be kept beside `memory`."""
-        return self._calmest_g, self._calmest_s
+        return self._calmest.g, self._calmest.s
 
     def take(self, stretch: Stretch) -> WatchResult:
         """What a stretch says, and what is said after it."""
@@ -183,23 +190,7 @@ class LiveWatch:
 
     def _take_rests(self, rows: Rows) -> None:
         for still in stills(rows, self._watch.leave_out):
-            scatter = self._scatter(rows, still.mean_g, still.t_s)
-            if self._calmest_g is None:
-                self._calmest_g, self._calmest_s = scatter, still.t_s
-            share = min(max(still.t_s - self._calmest_s, 0.0) / LIVE.calm_memory_s, 1.0)
-            before = self._calmest_g
-            self._calmest_g, self._calmest_s = min(scatter, before + share * (scatter - before)), still.t_s
-            if scatter > LIVE.shaking * before:
-                self._watch.leave_out("rest in which the tool shakes")
-            else:
-                self._watch.still(still)
-
-    @staticmethod
-    def _scatter(rows: Rows, mean_g: Array, t_s: float) -> float:
-        """Of one reading along gravity, g, in the middle of a rest: rows within ten seconds."""
-        near = np.abs(rows.t_s - t_s) <= REST.shortest_s / 2.0
-        along = mean_g / np.linalg.norm(mean_g) @ rows.c[:, near]
-        return float(np.diff(along).std() / math.sqrt(2.0)) if along.size > 2 else 0.0
+            (self._watch.shaken if self._calmest.shakes(still) else self._watch.still)(still)
 
     def result(self) -> WatchResult:
         """What is said now."""

@@ -27,13 +27,15 @@ _LEAST_SINE = 1e-3
 
 @dataclass(frozen=True, slots=True)
 class Still:
-    """A mean at rest. `mean_g` (3,): corrected; `std_g`: of its length, by the rows' own scatter."""
+    """A mean at rest. `mean_g` (3,): corrected; `std_g`: of its length, by the rows' own scatter; `scatter_g` (2, 3):
+    of single rows and of means of two seconds, by axis (`axis_noise.scatters`), where there are rows."""
 
     t_s: float
     mean_g: Array
     std_g: float
     temp_c: float | None = None
     depth_km: float | None = None
+    scatter_g: Array | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,16 +69,22 @@ class Surroundings(NamedTuple):
 
 
 class Linear(NamedTuple):
-    """`y = H x + e`: y (M,), H (M, N), e of unit variance; `f_g` (3,) the specific force, and whether it is at rest."""
+    """`y = H x + e`: y (M,), H (M, N), e of unit variance, of which `share` (M, M) is the sensor's noise; `f_g` (3,)
+    the specific force, and whether it is at rest."""
 
     y: Array
     H: Array
     f_g: Array
     at_rest: bool
+    share: Array
 
 
-def linear_still(still: Still, around: Surroundings, noise: StatedNoise) -> Linear:
-    """`|mean| - 1 = f'b + f'S f + ...`, to a second order of 0.5 ug where b is 1 mg."""
+def linear_still(
+    still: Still, around: Surroundings, noise: StatedNoise, level: float = 1.0, times: Array | None = None
+) -> Linear:
+    """`|mean| - 1 = f'b + f'S f + ...`, to a second order of 0.5 ug where b is 1 mg. `level`: of the sensor's noise, in
+    units of what the measurement and the tool's class state. `times` (3,): how much noisier each axis is than before by
+    the rest's own readings, where that is known: its floor is as much higher."""
     length = float(np.linalg.norm(still.mean_g))
     f = still.mean_g / length
     row = np.zeros(SIZE)
@@ -84,12 +92,14 @@ def linear_still(still: Still, around: Surroundings, noise: StatedNoise) -> Line
     row[S : S + 9] = np.outer(f, f).ravel()
     row[KT : KT + 3] = f * around.warmer_c
     row[GRAVITY], row[GROWTH] = 1.0, around.deeper
-    std = np.hypot(still.std_g, noise.still_floor_g)
-    return Linear(np.array([length - 1.0 - around.gravity]) / std, row[None, :] / std, f, True)
+    floor = level if times is None else max(level, float(np.linalg.norm(f * times)))
+    std = np.hypot(level * still.std_g, floor * noise.still_floor_g)
+    return Linear(np.array([length - 1.0 - around.gravity]) / std, row[None, :] / std, f, True, np.eye(1))
 
 
-def linear_turning(turn: Turning, around: Surroundings, noise: StatedNoise) -> Linear:
-    """Seven combinations of the nine harmonics that neither inclination nor phase moves, and the sensor's place."""
+def linear_turning(turn: Turning, around: Surroundings, noise: StatedNoise, level: float = 1.0) -> Linear:
+    """Seven combinations of the nine harmonics that neither inclination nor phase moves, and the sensor's place.
+    `level`: as of `linear_still`; whirl is none of the sensor's noise."""
     M = turn.harmonics_g
     across = np.array([M[0, 1] + M[1, 2], M[1, 1] - M[0, 2]]) / 2.0
     size = float(np.hypot(*across))
@@ -101,7 +111,8 @@ def linear_turning(turn: Turning, around: Surroundings, noise: StatedNoise) -> L
     by_phase = np.array([[0.0, -sp, -cp], [0.0, cp, -sp], [0.0, 0.0, 0.0]]) * max(s, _LEAST_SINE)
     H = _design(F, around, turn)
     r = (M - F * (1.0 + around.gravity)).ravel()
-    R = turn.covariance + noise.window_floor_g**2 * np.eye(9)
+    own = level**2 * (turn.covariance + noise.window_floor_g**2 * np.eye(9))
+    R = own.copy()
     whirl = (noise.whirl_m * turn.rate2 / STANDARD_GRAVITY_MPS2) ** 2
     R[0, 0] += whirl
     R[3, 3] += whirl
@@ -111,13 +122,16 @@ def linear_turning(turn: Turning, around: Surroundings, noise: StatedNoise) -> L
     )
     beyond = np.linalg.qr(G, mode="complete")[0][:, G.shape[1] :]
     y, H = beyond.T @ r, beyond.T @ H
+    half = np.linalg.solve(root, own)
+    share = beyond.T @ np.linalg.solve(root, half.T) @ beyond
     if turn.arm_m is not None and turn.arm_covariance is not None:
         root = np.linalg.cholesky(turn.arm_covariance)
         place = np.zeros((2, SIZE))
         place[:, ARM : ARM + 2] = np.eye(2)
         y = np.concatenate([y, np.linalg.solve(root, turn.arm_m)])
         H = np.concatenate([H, np.linalg.solve(root, place)])
-    return Linear(y, H, np.array([s * cp, s * sp, c]), False)
+        share = np.pad(share, (0, 2))
+    return Linear(y, H, np.array([s * cp, s * sp, c]), False, share)
 
 
 def _design(F: Array, around: Surroundings, turn: Turning) -> Array:

@@ -27,11 +27,12 @@ _LEAST_VARIANCE = -1e-9
 def _layout() -> str:
     from highside.watch.bank import HYPOTHESES
 
-    return " ".join([*NAMES, *(one.name for one in HYPOTHESES)])
+    return " ".join([*NAMES, *(one.name + "@" * one.onsets for one in HYPOTHESES)])
 
 
 LAYOUT = _layout()
-"""the order of the state and of the hypotheses: a memory with another one is of another version"""
+"""the order of the state and of the hypotheses, and which of these may begin at any time (`@`): a memory with another
+one is of another version"""
 
 
 @dataclass(frozen=True)
@@ -43,6 +44,7 @@ class WatchMemory:
     last_s: float = 0.0
     onset_s: float | None = None
     depth_km: float | None = None
+    deeper_km: float = 0.0
     ref_c: float | None = None
     warmer_c: float = 0.0
     alarm_s: float | None = None
@@ -54,21 +56,24 @@ class WatchMemory:
 
 def checked(arrays: Mapping[str, Array]) -> None:
     """Raises ValueError for numbers that can be no memory; those of the bank are checked by `Bank.recall`."""
-    shapes = {"state": (SIZE,), "covariance": (SIZE, SIZE), "alone_state": (SIZE,), "alone_covariance": (SIZE, SIZE)}
-    if "walked" in arrays:
-        shapes["walked"] = (SIZE, SIZE)
+    shapes: dict[str, tuple[int, ...]] = {"state": (SIZE,), "alone_state": (SIZE,)}
+    shapes |= dict.fromkeys(("covariance", "alone_covariance", "walked"), (SIZE, SIZE))
     for name, shape in shapes.items():
         if arrays[name].shape != shape:
             raise ValueError(f"{name} has another shape")
     if any(not (np.abs(values) < _LARGEST).all() for values in arrays.values()):
         raise ValueError("a number is beyond reason")
-    for name in {"covariance", "alone_covariance", "walked"} & arrays.keys():
+    for name in ("covariance", "alone_covariance", "walked"):
         _is_covariance(arrays[name], name)
-    if arrays["f"].shape not in ((3,), (0,)) or arrays["squares"].ndim != 1 or (arrays["squares"] < 0.0).any():
-        raise ValueError("the innovations are none")
-    for name, width in (("beyond", 2), ("trace", TRACE_WIDTH)):
+    if arrays["f"].shape not in ((3,), (0,)):
+        raise ValueError("f has another shape")
+    for name, width in (("beyond", 2), ("squares", 2), ("trace", TRACE_WIDTH)):
         if arrays[name].ndim != 2 or arrays[name].shape[1] != width:
             raise ValueError(f"{name} has another shape")
+    if "beyond_axes" in arrays and (arrays["beyond_axes"].ndim != 2 or arrays["beyond_axes"].shape[1] != 6):
+        raise ValueError("beyond_axes has another shape")
+    if (arrays["squares"] < [0.0, 1.0]).any():
+        raise ValueError("the innovations are none")
 
 
 def _is_covariance(P: Array, name: str) -> None:

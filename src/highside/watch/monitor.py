@@ -8,14 +8,19 @@ only where that is small at the present attitude is a calibration said to hold (
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
 from highside.arrays import Array
+from highside.watch.axis_noise import AxisNoise
 from highside.watch.bank import Bank, Filter, Scored
-from highside.watch.measurement import Linear, Still, Surroundings, Turning, linear_still, linear_turning
+from highside.watch.broken import AT_REST
+from highside.watch.claims import broken, size_of, unexplained
+from highside.watch.hold import Hold, noise_evidence, rests_of
+from highside.watch.measurement import Still, Surroundings, Turning, linear_still, linear_turning
 from highside.watch.memory import TRACE_WIDTH, WatchMemory, checked
+from highside.watch.noise_level import NoiseLevel
 from highside.watch.parameters import CALIBRATION, GROWTH, KT, NAMES, SIZE, UNITS, B, Prior
 from highside.watch.policy import POLICY, StatedNoise, WatchPolicy
 from highside.watch.present import error_of, std_of
@@ -30,14 +35,11 @@ from highside.watch.result import (
     WatchClaim,
     WatchResult,
 )
-from highside.watch.words import advice, why_unseen
+from highside.watch.words import advice, noise_advice, undecided_advice, why_unseen
 
 __all__ = ["Watch"]
 
 HOUR_S = 3600.0
-_MEDIAN_OF_SQUARE = 0.4549
-"""of a standard normal number's square"""
-_INTERVAL = 1.96
 
 
 class Watch:
@@ -53,7 +55,9 @@ class Watch:
         self._last_s = 0.0
         self._onset_s = -np.inf
         self._depth_km: float | None = None
-        self._squares: deque[float] = deque(maxlen=policy.scale_over)
+        self._deeper_km = 0.0
+        self._level = NoiseLevel(policy)
+        self._axes = AxisNoise(policy)
         self._alarm_s: float | None = None
         self._f: Array | None = None
         self._at_rest = False
@@ -62,22 +66,39 @@ class Watch:
         self._warmer_c = 0.0
         self._trace: deque[tuple[float, Array, Array, float, float]] = deque(maxlen=policy.most_traced)
         self._beyond: list[tuple[float, float]] = []
+        self._beyond_axes: list[Array] = []
+        """(6,) of each: `broken_axis`"""
+        self._hold: Hold | None = None
 
     def still(self, still: Still) -> None:
         """Take a mean at rest."""
-        if not self._is_warm(still.temp_c) or self._is_beyond(still.t_s, float(np.linalg.norm(still.mean_g)) - 1.0):
+        if not self._is_warm(still.temp_c) or self._is_beyond(
+            still.t_s, float(np.linalg.norm(still.mean_g)) - 1.0, np.append(still.mean_g, [AT_REST] * 3)
+        ):
             return
         self._counts["stills"] += 1
-        self._take(still.t_s, still.temp_c, still.depth_km, lambda around: linear_still(still, around, self._noise))
+        times, known = None, False
+        if still.scatter_g is not None:
+            times, known = self._axes.times(still.scatter_g), self._axes.tells(still.scatter_g)
+            self._axes.take(still.t_s, still.scatter_g)
+        self._measure(still, times, waits=not known)
+
+    def shaken(self, still: Still) -> None:
+        """A rest in which the tool shakes: its mean is not used, what its axes scatter is."""
+        self.leave_out("rest in which the tool shakes")
+        if still.scatter_g is not None:
+            self._axes.take(still.t_s, still.scatter_g)
 
     def turning(self, turn: Turning) -> None:
         """Take a window of rotation."""
         M = turn.harmonics_g
         across = 0.5 * np.hypot(M[0, 1] + M[1, 2], M[1, 1] - M[0, 2])
-        if not self._is_warm(turn.temp_c) or self._is_beyond(turn.t_s, float(np.hypot(across, M[2, 0])) - 1.0):
+        if not self._is_warm(turn.temp_c) or self._is_beyond(
+            turn.t_s, float(np.hypot(across, M[2, 0])) - 1.0, np.append(M[:, 0], np.hypot(M[:, 1], M[:, 2]))
+        ):
             return
         self._counts["turns"] += 1
-        self._take(turn.t_s, turn.temp_c, turn.depth_km, lambda around: linear_turning(turn, around, self._noise))
+        self._measure(turn)
 
     def _is_warm(self, temp_c: float | None) -> bool:
         """Whether a temperature is one that a tool may have: a broken thermometer would make coefficients."""
@@ -86,17 +107,19 @@ class Watch:
         self.leave_out("temperature is none of a tool")
         return False
 
-    def _is_beyond(self, t_s: float, excess_g: float) -> bool:
+    def _is_beyond(self, t_s: float, excess_g: float, axes: Array) -> bool:
         """Whether a length is no gravity with small errors; such readings are kept apart."""
         if abs(excess_g) <= self._policy.largest:
             return False
         self.leave_out("length is not that of gravity")
         if len(self._beyond) < self._policy.most_beyond:
             self._beyond.append((t_s, excess_g))
+            self._beyond_axes.append(axes)
         return True
 
     def power_up(self) -> None:
         """The tool was switched off and on: its offsets may repeat no better than is stated."""
+        self._hold = None
         noise = self._noise
         repeat = np.array([noise.repeat_g**2] * 3 + [noise.repeat**2] * 9)
         for one in (self._filter, self._alone):
@@ -117,6 +140,25 @@ class Watch:
 
     def memory(self) -> WatchMemory:
         """All it knows, for `recall`."""
+        held = None if self._hold is None else self._hold.rests()
+        if self._hold is None or held is None:
+            return self._now()
+        before = self._before(self._hold)
+        return replace(before, arrays={**before.arrays, "held": held})
+
+    def _before(self, hold: Hold) -> WatchMemory:
+        """What was known before what is held, and what has been counted since."""
+        now = self._now()
+        counted = {name: now.arrays[name] for name in ("beyond", "beyond_axes", "noise_rests", "noise_changed")}
+        return replace(
+            hold.before,
+            arrays={**hold.before.arrays, **counted},
+            stills=now.stills,
+            turns=now.turns,
+            left_out=now.left_out,
+        )
+
+    def _now(self) -> WatchMemory:
         trace = [np.concatenate([[t], value, std, [inc, evidence]]) for t, value, std, inc, evidence in self._trace]
         arrays = {
             "state": self._filter.state.copy(),
@@ -124,18 +166,21 @@ class Watch:
             "walked": self._filter.walked.copy(),
             "alone_state": self._alone.state.copy(),
             "alone_covariance": self._alone.covariance.copy(),
-            "squares": np.array(self._squares, dtype=float),
+            "squares": self._level.memory(),
+            "jump": self._level.memory_of_jump(),
             "f": np.zeros(0) if self._f is None else np.array(self._f, dtype=float),
             "beyond": np.array(self._beyond, dtype=float).reshape(-1, 2),
+            "beyond_axes": np.array(self._beyond_axes, dtype=float).reshape(-1, 6),
             "trace": np.array(trace, dtype=float).reshape(-1, TRACE_WIDTH),
         }
-        arrays |= {f"bank_{name}": values for name, values in self._bank.memory().items()}
+        arrays |= {f"bank_{name}": values for name, values in self._bank.memory().items()} | self._axes.memory()
         return WatchMemory(
             arrays,
             start_s=self._start_s,
             last_s=self._last_s,
             onset_s=self._onset_s if np.isfinite(self._onset_s) else None,
             depth_km=self._depth_km,
+            deeper_km=self._deeper_km,
             ref_c=self._ref_c,
             warmer_c=self._warmer_c,
             alarm_s=self._alarm_s,
@@ -156,56 +201,91 @@ class Watch:
         )
         self._filter.state, self._filter.covariance = arrays["state"].copy(), arrays["covariance"].copy()
         self._alone.state, self._alone.covariance = arrays["alone_state"].copy(), arrays["alone_covariance"].copy()
-        self._squares.extend(arrays["squares"].tolist())
+        self._level.recall(arrays["squares"], arrays.get("jump"))
+        # a memory of before the noise of axes was followed has none
+        if "noise_rests" in arrays:
+            self._axes.recall(arrays["noise_rests"], arrays["noise_changed"])
         self._f = arrays["f"].copy() if arrays["f"].size else None
         self._beyond = [(float(t), float(excess)) for t, excess in arrays["beyond"]]
+        # a memory of before axes were named has none
+        self._beyond_axes = list(arrays.get("beyond_axes", np.zeros((0, 6))))
+        self._trace.clear()
         split = np.cumsum([1, CALIBRATION, CALIBRATION, 1])
         for row in arrays["trace"]:
             t, value, std, inclination, evidence = np.split(row, split)
             self._trace.append((float(t[0]), value, std, float(inclination[0]), float(evidence[0])))
-        watched_h = 0.0 if memory.start_s is None else (memory.last_s - memory.start_s) / HOUR_S
-        # a memory of an earlier version has none: then as if measurements had not touched it
-        self._filter.walked = arrays.get("walked", self._prior.process_noise * watched_h).copy()
-        self._start_s, self._last_s, self._depth_km = memory.start_s, memory.last_s, memory.depth_km
+        self._filter.walked = arrays["walked"].copy()
+        self._start_s, self._last_s = memory.start_s, memory.last_s
+        self._depth_km, self._deeper_km = memory.depth_km, memory.deeper_km
         self._onset_s = -np.inf if memory.onset_s is None else memory.onset_s
         self._ref_c, self._warmer_c = memory.ref_c, memory.warmer_c
         self._alarm_s, self._at_rest = memory.alarm_s, memory.at_rest
         self._counts = {"stills": memory.stills, "turns": memory.turns}
         self._left_out = dict(memory.left_out)
+        self._hold = None
+        for one in rests_of(arrays["held"]) if "held" in arrays else ():
+            self._measure(one)
 
     @property
     def _noise(self) -> StatedNoise:
         return self._prior.noise
 
-    def _take(
-        self,
-        t_s: float,
-        temp_c: float | None,
-        depth_km: float | None,
-        linear: Callable[[Surroundings], Linear],
-    ) -> None:
+    def _measure(self, one: Still | Turning, times: Array | None = None, *, waits: bool = True) -> None:
+        """One measurement, with what its rows say of its noise (`linear_still`); `waits`: where it scatters so much
+        that noise may have grown, the next ones are waited for."""
+        t_s, level = one.t_s, self._level.level
         if self._start_s is None:
             self._start_s = self._last_s = t_s
         hours = max(t_s - self._last_s, 0.0) / HOUR_S
         self._last_s = max(t_s, self._last_s)
-        for one in (self._filter, self._alone, self._bank):
-            one.wait(hours)
-        if t_s >= self._onset_s + self._policy.onset_s:
+        for part in (self._filter, self._alone, self._bank):
+            part.wait(hours)
+        if t_s > self._onset_s:
             self._bank.begin(t_s)
             self._onset_s = t_s
-        y, H, self._f, self._at_rest = linear(self._surroundings(t_s, temp_c, depth_km))
+        around = self._surroundings(t_s, one.temp_c, one.depth_km)
+        if isinstance(one, Still):
+            linear = linear_still(one, around, self._noise, level, times)
+        else:
+            linear = linear_turning(one, around, self._noise, level)
+        y, H, self._f, self._at_rest, share = linear
+        if waits and self._hold is None and self._alarm_s is None and self._is_odd(y, H):
+            self._hold = Hold(self._now(), self._bank.largest(), level)
         update = self._filter.take(y, H)
         self._alone.take(y, H)
         self._bank.take(update)
         if self._alarm_s is None:
-            self._squares.extend((update.innovations**2).tolist())
+            self._level.take(update, share, level)
         evidence = self._bank.largest()
-        if self._alarm_s is None and evidence > self._threshold():
-            self._alarm_s = t_s
         inclination = float(np.degrees(np.arctan2(np.hypot(self._f[0], self._f[1]), self._f[2])))
         state, covariance = self._believed()
         std = np.sqrt(np.diag(self._widened(covariance))[:CALIBRATION])
         self._trace.append((t_s, state[:CALIBRATION].copy(), std, inclination, evidence))
+        if self._alarm_s is None:
+            self._judge(one, update.innovations, evidence)
+
+    def _is_odd(self, y: Array, H: Array) -> bool:
+        """Whether a measurement is far from what is expected of it."""
+        left = self._filter.innovations(y, H)
+        return noise_evidence(float(left @ left), left.size) > self._policy.jump
+
+    def _judge(self, one: Still | Turning, innovations: Array, evidence: float) -> None:
+        """Whether something departs: at once, or where noise may have grown as soon as that can be told."""
+        over, hold = evidence > self._threshold(), self._hold
+        if hold is not None:
+            hold.add(one, innovations)
+            if hold.is_noise(evidence, self._policy):
+                self._hold = None
+                self.recall(self._before(hold))
+                self._level.jumped(hold.scale)
+                for taken in hold.taken:
+                    self._measure(taken, waits=False)
+                return
+            over = over and (hold.departs(evidence, self._policy) or hold.is_over(self._policy))
+            if over or hold.is_over(self._policy) or hold.has_faded(self._policy):
+                self._hold = None
+        if over:
+            self._alarm_s = one.t_s
 
     def _surroundings(self, t_s: float, temp_c: float | None, depth_km: float | None) -> Surroundings:
         if temp_c is not None and self._ref_c is None:
@@ -213,38 +293,36 @@ class Watch:
         warmer = self._warmer_c = 0.0 if temp_c is None or self._ref_c is None else temp_c - self._ref_c
         assert self._start_s is not None
         if depth_km is None:
-            return Surroundings(warmer, (t_s - self._start_s) / HOUR_S, 0.0)
+            if self._depth_km is None:
+                return Surroundings(warmer, (t_s - self._start_s) / HOUR_S, 0.0)
+            # as deep as at last
+            return Surroundings(warmer, self._deeper_km, self._deeper_km * self._noise.gravity_per_km)
         if self._depth_km is None:
             # per km from here on, not per hour
             self._depth_km = depth_km
             for one in (self._filter, self._alone):
                 one.covariance[GROWTH, GROWTH] = self._noise.gravity_per_km_std**2
-        deeper = depth_km - self._depth_km
-        return Surroundings(warmer, deeper, deeper * self._noise.gravity_per_km)
-
-    def _noise_ratio(self, over: int | None = None) -> float:
-        """Of the last innovations, all that are kept or `over` of them; their median bears a departure that is seen in
-        few."""
-        if len(self._squares) < self._policy.scale_from:
-            return 1.0
-        last = np.array(self._squares)[-(over or self._policy.scale_over) :]
-        return float(np.sqrt(np.median(last) / _MEDIAN_OF_SQUARE))
+        self._deeper_km = depth_km - self._depth_km
+        return Surroundings(warmer, self._deeper_km, self._deeper_km * self._noise.gravity_per_km)
 
     def _threshold(self) -> float:
-        """Of the evidence: grown with the noise, of some hours or, where that is more, of the last few measurements.
-        Noise that grows within hours would else be read as a departure before the longer median has followed."""
-        return self._policy.threshold * max(self._grown(), self._noise_ratio(self._policy.scale_from)) ** 2
+        """Of the evidence: grown with the noise beyond what measurements were weighted with, of some hours or, where
+        that is more, of the last few: noise that grows within hours would else be read as a departure."""
+        last = self._level.expected_ratio(self._policy.scale_from)
+        return self._policy.threshold * max(self._grown(), last) ** 2
 
     def _grown(self) -> float:
-        """How much wider thresholds and standard deviations stand than stated: noise may have grown, and never shrinks
-        them. That of the deviations is the a-posteriori factor of unit weight (Birge, Phys. Rev. 40, 207, 1932)."""
-        return max(1.0, self._noise_ratio())
+        """How much wider thresholds and standard deviations stand than the filter has them: noise may have grown, and
+        never shrinks them: the a-posteriori factor of unit weight (Birge, Phys. Rev. 40, 207, 1932)."""
+        return max(1.0, self._level.expected_ratio())
 
     def _widened(self, covariance: Array) -> Array:
         """A covariance (N, N) as it is stated, correlations kept: grown by what innovations scatter, or, where that is
         more, by a random walk larger than stated, which they hardly show. Not by both: what is seen is all there is."""
         own = np.diag(covariance)
-        walked = (self._policy.walk**2 - 1.0) * np.diag(self._filter.walked)
+        # a tool that is noisier than its class may walk more, too; as much more as it is noisier would be too wide
+        allowed = self._policy.walk * np.sqrt(max(1.0, self._level.stated_ratio()))
+        walked = (allowed**2 - 1.0) * np.diag(self._filter.walked)
         factor = np.sqrt(np.maximum(self._grown() ** 2, 1.0 + walked / np.maximum(own, 1e-300)))
         return np.asarray(covariance * np.outer(factor, factor))
 
@@ -253,12 +331,16 @@ class Watch:
         inc, tf = self._attitude()
         unseen = None if inc is None else std_of(self._alone.covariance, inc, tf, 3.0 * self._grown())
         stated = None if inc is None else std_of(self._prior.stated, inc, tf)
+        claims: tuple[WatchClaim, ...]
         claims = () if self._alarm_s is None or inc is None else (self._departs(inc, tf, self._alarm_s),)
         if len(self._beyond) >= self._policy.fewest_beyond:
-            claims = (self._broken(), *claims)
+            dead = broken(self._beyond, self._beyond_axes, self._policy)
+            # a dead axis in an attitude where it hardly shows is no small departure beside that
+            before = dead.since_s - self._policy.recent_s
+            claims = (dead, *(one for one in claims if one.alarm_s < before))
         verdict: Verdict = "departs" if claims else "holds" if self._holds(unseen) else "learning"
-        deviations = self._deviations()
-        ratio = self._noise_ratio()
+        deviations, undecided = self._deviations(), 0 if claims else self._undecided()
+        ratio = self._level.stated_ratio()
         return WatchResult(
             verdict=verdict,
             claims=claims,
@@ -268,7 +350,11 @@ class Watch:
                 for name, one in deviations.items()
                 if not one.observable
             ),
-            advice=advice(verdict, claims, unseen, inc, self._policy),
+            advice=(
+                *undecided_advice(undecided),
+                *advice(verdict, claims, unseen, inc, self._policy),
+                *noise_advice(self._axes.changes()),
+            ),
             cal_id=self._cal_id,
             inclination_deg=None if inc is None else float(np.degrees(inc)),
             toolface_deg=None if tf is None else float(np.degrees(tf) % 360.0),
@@ -276,12 +362,14 @@ class Watch:
             stated=stated,
             noise_grown=ratio > self._policy.grown,
             noise_ratio=ratio,
+            undecided=undecided,
+            noise_changes=self._axes.changes(),
             threshold=self._threshold(),
             duration_s=0.0 if self._start_s is None else self._last_s - self._start_s,
             counts=Counts(self._counts["stills"], self._counts["turns"], dict(self._left_out)),
             covariance=self._widened(self._believed()[1])[:CALIBRATION, :CALIBRATION],
             departure=self._departure(),
-            trace=self._traced(),
+            trace=Trace.of(self._trace),
         )
 
     def _attitude(self) -> tuple[float | None, float | None]:
@@ -291,9 +379,14 @@ class Watch:
         x, y, z = (float(value) for value in self._f)
         return float(np.arctan2(np.hypot(x, y), z)), float(np.arctan2(y, x)) if self._at_rest else None
 
+    def _undecided(self) -> int:
+        """How many measurements are waited with that noise or a departure has made."""
+        hold = self._hold
+        return 0 if hold is None or self._bank.largest() < self._threshold() else len(hold.taken)
+
     def _holds(self, unseen: AttitudeError | None) -> bool:
         most = self._policy.still_unseen_deg
-        return unseen is not None and max(unseen.inc_deg, unseen.tf_sin_inc_deg) < most
+        return not self._undecided() and unseen is not None and max(unseen.inc_deg, unseen.tf_sin_inc_deg) < most
 
     def _believed(self) -> tuple[Array, Array]:
         """State and covariance: the filter's, and once something departs those with the likeliest departure."""
@@ -326,14 +419,14 @@ class Watch:
         if not scored:
             # what was a departure of a small parameter needs more by now than any may have
             least = self._policy.largest
-            return _unexplained("deviation", Size(least, 0.0, least, least, "g"), ("no small error",), alarm_s, alarm_s)
+            return unexplained("deviation", Size(least, 0.0, least, least, "g"), ("no small error",), alarm_s, alarm_s)
         best = scored[0]
         alike = [one for one in scored if one.ratio >= best.ratio - self._policy.same_class]
         low, high = self._bank.onsets_of(best, self._policy.same_class)
         return WatchClaim(
             effect=best.hypothesis.effect,
             parameter=best.hypothesis.name,
-            parameters={best.hypothesis.name: _size(best, self._grown())},
+            parameters={best.hypothesis.name: size_of(best, self._grown())},
             equivalence_class=tuple(one.hypothesis.name for one in alike),
             since_s=best.since_s,
             since_low_s=low,
@@ -341,20 +434,6 @@ class Watch:
             alarm_s=alarm_s,
             evidence=best.ratio,
             error=error_of(self._deviation_of(best), inc, tf),
-        )
-
-    def _broken(self) -> WatchClaim:
-        """The length of the readings is far from gravity's: no small error of the calibration."""
-        times, excess = zip(*self._beyond, strict=True)
-        size = float(np.median(excess))
-        std = float(np.std(excess)) / np.sqrt(len(excess))
-        half = _INTERVAL * std
-        return _unexplained(
-            "length",
-            Size(size, std, size - half, size + half, "g"),
-            ("dead axis", "stuck axis", "saturation"),
-            times[0],
-            times[self._policy.fewest_beyond - 1],
         )
 
     def _deviation_of(self, scored: Scored) -> Array:
@@ -369,38 +448,3 @@ class Watch:
         """(12,) of the calibration's parameters, by the likeliest departure."""
         likeliest = self._likeliest()
         return np.zeros(CALIBRATION) if likeliest is None else self._deviation_of(likeliest)[:CALIBRATION]
-
-    def _traced(self) -> Trace:
-        t, value, std, inclination, evidence = zip(*self._trace, strict=True) if self._trace else ((),) * 5
-        shape = (len(t), CALIBRATION)
-        return Trace(
-            np.array(t, dtype=float),
-            np.array(value, dtype=float).reshape(shape),
-            np.array(std, dtype=float).reshape(shape),
-            np.array(inclination, dtype=float),
-            np.array(evidence, dtype=float),
-        )
-
-
-def _size(scored: Scored, grown: float) -> Size:
-    std = grown * scored.std
-    half = _INTERVAL * std
-    return Size(scored.size, std, scored.size - half, scored.size + half, scored.hypothesis.unit)
-
-
-def _unexplained(
-    parameter: str, size: Size, equivalence_class: tuple[str, ...], since_s: float, alarm_s: float
-) -> WatchClaim:
-    """No small error of the calibration: no reading is to be used."""
-    return WatchClaim(
-        effect="unexplained",
-        parameter=parameter,
-        parameters={parameter: size},
-        equivalence_class=equivalence_class,
-        since_s=since_s,
-        since_low_s=since_s,
-        since_high_s=since_s,
-        alarm_s=alarm_s,
-        evidence=None,
-        error=None,
-    )

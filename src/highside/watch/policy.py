@@ -59,9 +59,12 @@ class WatchPolicy:
     same_class: float = 10.0
     """of twice the log-likelihood ratio: hypotheses that close to the best are one class; a rival of the truth is
     ahead by so much with a probability of exp(-5) at most"""
+    recent_s: float = 3600.0
+    """within which each measurement is an onset: a step between a rest and the rotation after it would else be named a
+    drift at the alarm (9 of 262 wells, `studies.watch_wells --departures 150 --first-seed 1320000` and 1520000)"""
     onset_s: float = 600.0
-    """between two onsets. All are kept: thinned ones give wrong names, since a bias that stepped between two of them
-    looks like a temperature coefficient"""
+    """between two older onsets. All are kept: ones thinned to some hours give wrong names, since a bias that stepped
+    between two of them looks like a temperature coefficient"""
     most_onsets: int = 4000
     """kept at one time (four weeks at this distance); then the oldest but the first leaves"""
     largest: float = 0.05
@@ -79,9 +82,29 @@ class WatchPolicy:
     scale_over: int = 200
     """innovations over whose median the noise is judged"""
     scale_from: int = 60
-    """innovations below which it is not judged"""
+    """innovations below which it is not judged, and over the last of which it is followed: in the wells of
+    `studies.watch_wells` those of about four hours"""
+    noise_share: float = 0.5
+    """of a measurement's variance that must be the sensor's noise for it to tell of that: whirl would hide that noise
+    grows. In the wells of `studies.watch_wells` the share is above 0.7 or below 0.3"""
     grown: float = 1.5
     """ratio of the innovations' standard deviation to the stated one from which `noise_grown` is said"""
+    noise_rests: int = 60
+    """rests whose scatter is kept, axis by axis (`watch.axis_noise`): about a day of drilling"""
+    noise_fewest: int = 5
+    """rests before a change that its size is judged by"""
+    noise_confirm: int = 3
+    """rests one after another that must all scatter `grown` times what nine tenths of the rests before did, or as much
+    less than what one tenth did, for a change to be said, and all be within it for its end. Scatters of two seconds are
+    known within 25 % from the shortest rest: by chance alone three of them pass in fewer than one of 10,000"""
+    jump: float = 12.0
+    """twice the log-likelihood ratio of noise that has grown, of one measurement, from which the next ones must tell
+    whether it is noise or a departure: one number beyond 4 standard deviations, in one of 15,000 by chance"""
+    jump_chance: float = 1e-3
+    """that noise of any size alone looks so much like one departure (`watch.hold`). There are some ten directions and a
+    few looks: of 100 series one or two"""
+    jump_wait: int = 8
+    """measurements waited for; then the likelier of the two is taken"""
     walk: float = 1.3
     """random walk, in units of the stated one, that stated standard deviations allow for: innovations hardly show it.
     Set on 200 wells each (first seed 91000): with the stated walk, 1.5 times it, and 1.5 times it with noise 1.4 times

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
 import numpy as np
 
 from highside.arrays import Array
+from highside.watch.parameters import CALIBRATION
 
 SCHEMA = "highside.watch/1"
 Verdict = Literal["learning", "holds", "departs"]
@@ -70,6 +72,25 @@ class WatchClaim:
 
 
 @dataclass(frozen=True, slots=True)
+class NoiseChange:
+    """An axis whose readings at rest scatter otherwise than before. Nothing of the calibration departs by it."""
+
+    axis: Literal["x", "y", "z"]
+    effect: str
+    """of the library of effects"""
+    of: str
+    """what scatters: single readings, or means of two seconds"""
+    factor: float
+    """of the scatter to that of before; below one: less"""
+    scatter_g: float
+    """now, one standard deviation"""
+    since_s: float
+    """the first rest that shows it"""
+    rests: int
+    """that show it"""
+
+
+@dataclass(frozen=True, slots=True)
 class NotObservable:
     """What the hole has not shown so far, and what it would take."""
 
@@ -98,6 +119,19 @@ class Trace:
     inclination_deg: Array
     evidence: Array
 
+    @classmethod
+    def of(cls, rows: Sequence[tuple[float, Array, Array, float, float]]) -> Trace:
+        """From its rows."""
+        t, value, std, inclination, evidence = zip(*rows, strict=True) if rows else ((),) * 5
+        shape = (len(t), CALIBRATION)
+        return cls(
+            np.array(t, dtype=float),
+            np.array(value, dtype=float).reshape(shape),
+            np.array(std, dtype=float).reshape(shape),
+            np.array(inclination, dtype=float),
+            np.array(evidence, dtype=float),
+        )
+
 
 @dataclass(frozen=True)
 class WatchResult:
@@ -118,6 +152,11 @@ class WatchResult:
     noise_grown: bool
     noise_ratio: float
     """of the innovations' standard deviation to the stated one"""
+    undecided: int
+    """the last measurements, where they scatter so much that the next ones must tell whether noise has grown or
+    something departs; 0: none"""
+    noise_changes: tuple[NoiseChange, ...]
+    """by axis; empty where none has changed, or no rest of rows was seen"""
     threshold: float
     duration_s: float
     counts: Counts

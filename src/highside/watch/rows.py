@@ -6,7 +6,7 @@ turned; rotation needs gyros. What is neither, or too short, says nothing.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -16,11 +16,12 @@ from scipy.ndimage import uniform_filter1d
 from highside.arrays import Array
 from highside.calibration.still_intervals import find_still_intervals
 from highside.errors import InputError
+from highside.watch.axis_noise import scatters
 from highside.watch.measurement import Still, Turning
 from highside.watch.monitor import Watch
 from highside.watch.turning import TURNING, Left, TurningRows, fit_turning
 
-__all__ = ["REST", "Rows", "feed", "stills", "turnings"]
+__all__ = ["REST", "Calmest", "Rows", "feed", "stills", "turnings"]
 
 Indices = NDArray[np.intp]
 
@@ -41,6 +42,14 @@ class RestPolicy:
     breaks rests of 10 rows a second"""
     batches: int = 16
     """of a rest, whose scatter says how well its mean is known where its noise is coloured"""
+    shaking: float = 4.0
+    """scatter of a rest, in units of the calmest one, from which it is none: pumps and rotation elsewhere in the string
+    shake a tool that does not turn, and rectify. As `service.stillness` has it of windows (16 of the variance)"""
+    calm_memory_s: float = 3600.0
+    """in about this time the calmest rest is forgotten: a sensor's noise may grow"""
+    moving: float = 30.0
+    """scatter of means of two seconds, in units of that in the other rests of a recording, from which the tool moves: a
+    turn of 0.1 deg/s makes 3 mg of them, where a good tool at rest has 0.05 mg"""
 
 
 REST = RestPolicy()
@@ -76,6 +85,32 @@ class Rows:
         return None if found is None else found / 1000.0
 
 
+@dataclass
+class Calmest:
+    """The calmest rest of the last hour: `g`, scatter of a reading along gravity, and when that was last judged."""
+
+    g: float | None = None
+    s: float = 0.0
+
+    def shakes(self, still: Still) -> bool:
+        """Whether this rest scatters so much more that it is none; it is remembered in any case."""
+        scatter = along(still)
+        if self.g is None:
+            self.g, self.s = scatter, still.t_s
+        share = min(max(still.t_s - self.s, 0.0) / REST.calm_memory_s, 1.0)
+        before = self.g
+        self.g, self.s = min(scatter, before + share * (scatter - before)), still.t_s
+        return scatter > REST.shaking * before
+
+
+def along(still: Still) -> float:
+    """Scatter of single readings of a rest along gravity, g."""
+    if still.scatter_g is None:
+        return 0.0
+    f = still.mean_g / np.linalg.norm(still.mean_g)
+    return float(np.nan_to_num(np.linalg.norm(f * still.scatter_g[0])))
+
+
 def feed(watch: Watch, rows: Rows) -> None:
     """Give a watch all that a recording has to say, in the order of time. Raises InputError for too few rows."""
     turning = list(turnings(rows))
@@ -83,29 +118,61 @@ def feed(watch: Watch, rows: Rows) -> None:
     for left in turning:
         if isinstance(left, Left):
             watch.leave_out(left.reason)
-    found += list(stills(rows, watch.leave_out))
+    rests = _rests(rows, 0, rows.t_s.size)
+    calm = list(stills(rows, watch.leave_out, rests))
+    found += [*calm, *noisy_stills(rows, rests, calm)]
+    calmest = Calmest()
     for one in sorted(found, key=lambda one: one.t_s):
         if isinstance(one, Still):
-            watch.still(one)
+            (watch.shaken if calmest.shakes(one) else watch.still)(one)
         else:
             watch.turning(one)
 
 
-def stills(rows: Rows, leave_out: Callable[[str], None]) -> Iterator[Still]:
-    """The means at rest; `leave_out` is told why something that looked like rest is none."""
+def stills(rows: Rows, leave_out: Callable[[str], None], rests: Sequence[Indices] | None = None) -> Iterator[Still]:
+    """The means at rest, `rests` where they were found already; `leave_out` is told why something that looked like rest
+    is none."""
     step = float(np.median(np.diff(rows.t_s)))
-    try:
-        intervals = find_still_intervals(rows.c, 1.0 / step, min_s=REST.shortest_s, window_s=max(0.5, REST.rows * step))
-    except InputError:
-        return
-    for interval in intervals:
-        for piece in _pieces(rows.t_s, interval.rows(), REST.longest_s):
+    for rest in _rests(rows, 0, rows.t_s.size) if rests is None else rests:
+        for piece in _pieces(rows.t_s, rest, REST.longest_s):
             if rows.t_s[piece[-1]] - rows.t_s[piece[0]] < REST.shortest_s - step:
                 leave_out("rest too short")
             elif rows.rate_radps is not None and _turns(rows.rate_radps[:, piece]):
                 leave_out("rest in which the gyros turn")
             else:
                 yield _still(rows, piece)
+
+
+def noisy_stills(rows: Rows, rests: Sequence[Indices], calm: Sequence[Still]) -> Iterator[Still]:
+    """The rests of a recording that are none by the noise of its calmest parts, which made `rests` and `calm`, but by
+    their own: the noise of a sensor may have grown. A stretch of a stream is judged by its own noise as it is."""
+    if not calm:
+        return
+    limit = REST.moving * np.median([one.scatter_g[1] for one in calm if one.scatter_g is not None], axis=0)
+    others = np.ones(rows.t_s.size, dtype=bool)
+    for rest in rests:
+        others[rest[0] : rest[-1] + 1] = False
+    for part in _pieces(rows.t_s, np.flatnonzero(others), REST.longest_s):
+        # what lies on both sides of a short rest is no one piece
+        for run in np.split(part, np.flatnonzero(np.diff(part) > 1) + 1):
+            for rest in _rests(rows, int(run[0]), int(run[-1]) + 1):
+                lasts = float(rows.t_s[rest[-1]] - rows.t_s[rest[0]])
+                if lasts < REST.shortest_s or (rows.rate_radps is not None and _turns(rows.rate_radps[:, rest])):
+                    continue
+                still = _still(rows, rest)
+                if still.scatter_g is not None and (still.scatter_g[1] <= limit).all():
+                    yield still
+
+
+def _rests(rows: Rows, start: int, stop: int) -> list[Indices]:
+    """Row numbers of each rest from row `start` to `stop` (excluded), by the noise of these alone."""
+    step = float(np.median(np.diff(rows.t_s)))
+    window_s = max(0.5, REST.rows * step)
+    try:
+        found = find_still_intervals(rows.c[:, start:stop], 1.0 / step, min_s=REST.shortest_s, window_s=window_s)
+    except InputError:
+        return []
+    return [start + interval.rows() for interval in found]
 
 
 def _turns(rate_radps: Array) -> bool:
@@ -126,6 +193,7 @@ def _still(rows: Rows, piece: Indices) -> Still:
         float(np.sqrt(max(white, coloured))),
         rows.mean_of(rows.temp_c, piece),
         rows.depth_km(piece),
+        scatters(rows.t_s[piece], c),
     )
 
 

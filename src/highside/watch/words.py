@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from highside.watch.parameters import AXES
 from highside.watch.policy import WatchPolicy
-from highside.watch.result import AttitudeError, Verdict, WatchClaim
+from highside.watch.result import AttitudeError, NoiseChange, Verdict, WatchClaim
 
-__all__ = ["advice", "roll_test", "why_unseen"]
+__all__ = ["advice", "noise_advice", "noise_words", "roll_test", "undecided_advice", "why_unseen"]
 
 _STEEP_RAD = math.radians(75.0)
 _ALONG = "b_z, S_zz and gravity are told apart by a spread of inclinations, and are out of sight near horizontal"
@@ -83,4 +84,49 @@ def advice(
         lines.append("the error is large: pull the tool")
     else:
         lines.append("check the next surveys against another tool, and calibrate again when this one is at surface")
+    return tuple(lines)
+
+
+def noise_words(change: NoiseChange) -> str:
+    """An axis whose readings scatter otherwise than before, in one line."""
+    way = "grown" if change.factor > 1.0 else "fallen"
+    return (
+        f"noise of {change.axis} has {way}: at rest {change.of} scatter {change.factor:.2g} times what they did"
+        f" ({1e3 * change.scatter_g:.2g} mg), since {change.since_s:.0f} s, in {change.rests} rests"
+    )
+
+
+def undecided_advice(count: int) -> tuple[str, ...]:
+    """Where it is not known yet whether noise has grown or something departs."""
+    if not count:
+        return ()
+    last = "the last measurement is" if count == 1 else f"the last {count} measurements are"
+    return (
+        f"{last} far from what was expected: noise that has grown, or a departure; take two"
+        " or three rests more, which tell it, and trust no survey before",
+    )
+
+
+def noise_advice(changes: Sequence[NoiseChange]) -> tuple[str, ...]:
+    """What to do about noise that has changed; nothing of the calibration departs by it."""
+    grown = [one for one in changes if one.factor > 1.0]
+    fallen = [one for one in changes if one.factor <= 1.0]
+    lines = []
+    if len(grown) == len(AXES):
+        times = ", ".join(f"{one.axis} {one.factor:.2g} times" for one in grown)
+        lines.append(
+            f"all axes have become noisier ({times}): the tool shakes (pumps, rotation elsewhere in the string) or its"
+            " supply is noisy; repeat the rest with the pumps off"
+        )
+    else:
+        lines += [
+            f"{one.axis} has become {one.factor:.2g} times as noisy, which is no departure: take longer rests, and look"
+            " at that sensor, its plug and its supply at surface"
+            for one in grown
+        ]
+    lines += [
+        f"{one.axis} scatters {one.factor:.2g} times what it did: a filter was set, or the axis begins to stick;"
+        " compare it in another attitude"
+        for one in fallen
+    ]
     return tuple(lines)

@@ -1,8 +1,9 @@
-"""Who may command: whoever shows the token, once by its link or its form (a cookie then), or with each request.
+"""Who may command. With users: who has signed in, by the role. Without: whoever shows the token, once by its link or
+its form (a cookie then), or with each request.
 
 The cookie is not the token but follows from it and from when it was given; it is HttpOnly and SameSite=Strict (and
 Secure by https), so that a page of another origin can neither read it nor have it sent. Requests by programs carry
-`Authorization: Bearer TOKEN` and no cookie counts there.
+`Authorization: Bearer TOKEN` and no cookie counts there; that goes on with users, where a token is configured.
 """
 
 from __future__ import annotations
@@ -14,17 +15,47 @@ from collections.abc import Callable
 
 from pydantic import SecretStr
 
+from highside.config.users import Role
+from highside.web.signin.acts import Person
+from highside.web.signin.people import People, Scope, cookie_of, header_of, peer_of
+
 COOKIE = "highside_operator"
 COOKIE_MAX_AGE_S = 7 * 86_400
 """The longest session, an oven's, takes days; a browser left behind forgets the token after a week."""
 
 
 class Access:
-    """Compares in constant time; holds the token."""
+    """Compares in constant time; holds the token. `people`: who signs in, where the token's link opens nothing."""
 
-    def __init__(self, token: SecretStr, clock: Callable[[], float] = time.time) -> None:
+    def __init__(self, token: SecretStr, clock: Callable[[], float] = time.time, people: People | None = None) -> None:
         self._token = token.get_secret_value().encode()
         self._clock = clock
+        self.people = people
+
+    def who(self, scope: Scope) -> Person | None:
+        """Whom a request or socket comes from; None for nobody that is known."""
+        named = None if self.people is None else self.people.who(scope)
+        if named is not None:
+            return named
+        shown = self.by_header(header_of(scope, "authorization"))
+        if not shown and self.people is None:
+            shown = self.by_cookie(cookie_of(scope, COOKIE))
+        return Person("", Role.FORCE, "token", peer_of(scope)) if shown else None
+
+    def knows(self, scope: Scope) -> bool:
+        """Whether somebody who is known sends a request; a session is not renewed by this question."""
+        if self.by_header(header_of(scope, "authorization")):
+            return True
+        if self.people is None:
+            return self.by_cookie(cookie_of(scope, COOKIE))
+        return self.people.who(scope, touch=False) is not None
+
+    def opens(self, scope: Scope, *, commands: bool) -> bool:
+        """Whether a socket for a page is for whom it comes from; `commands`: the page may command."""
+        if self.people is None:
+            return not commands or self.by_cookie(cookie_of(scope, COOKIE))
+        person = self.people.who(scope)
+        return person is not None and (not commands or person.may(Role.OPERATE))
 
     @property
     def token(self) -> str:

@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+from highside.bench.photographs import photographs
 from highside.bench.session.driver import SessionDriver
 from highside.bench.session.journal import Journal, read_journal
 from highside.bench.session.snapshot import SessionState
@@ -18,6 +19,7 @@ from highside.calibration.record import to_utc
 from highside.config.certificate import CertificateFields
 from highside.errors import Refused
 from highside.reading import read_bytes
+from highside.words import language, said
 
 READABLE = frozenset({SessionState.REVIEW, SessionState.ACCEPTED, SessionState.REJECTED, SessionState.ABORTED})
 
@@ -29,7 +31,7 @@ class Documents:
         self._driver = driver
         self._fields = fields or CertificateFields()
         self._one = asyncio.Lock()
-        self._kept: dict[str, tuple[int, str]] = {}
+        self._kept: dict[tuple[str, str], tuple[int, str]] = {}
 
     async def report(self) -> str:
         """The page of the session. Raises Refused while it is measured, or where no journal is kept."""
@@ -39,35 +41,37 @@ class Documents:
         """The certificate of the session's record. Raises Refused where there is none."""
         return await self._made("certificate", self._certificate)
 
-    async def _made(self, name: str, make: Callable[[Journal], str]) -> str:
+    async def _made(self, name: str, make: Callable[[Journal, Path], str]) -> str:
         if self._driver.snapshot().state not in READABLE:
-            raise Refused("the session is not finished: report and certificate follow when all poses are taken")
+            raise Refused(said("the session is not finished: report and certificate follow when all poses are taken"))
         path = self._driver.journal_path
         if path is None:
-            raise Refused("this session keeps no journal, and there is nothing to make it from")
+            raise Refused(said("this session keeps no journal, and there is nothing to make it from"))
         async with self._one:
             size = await asyncio.to_thread(lambda: Path(path).stat().st_size)
-            known = self._kept.get(name)
+            key = (name, language())
+            known = self._kept.get(key)
             if known is None or known[0] != size:
-                self._kept[name] = known = (size, await asyncio.to_thread(lambda: make(_read(path))))
+                self._kept[key] = known = (size, await asyncio.to_thread(lambda: make(_read(path), Path(path))))
             return known[1]
 
-    def _certificate(self, journal: Journal) -> str:
+    def _certificate(self, journal: Journal, path: Path) -> str:
         from highside.bench.session.outcome import replay
         from highside.report.certificate import certificate
         from highside.report.certificate_inputs import Inputs
 
-        _, _, record = replay(journal)
+        record = replay(journal)[2]
         if record is None:
-            raise Refused("no calibration was accepted in this session: there is nothing to certify")
-        return certificate(Inputs(record, self._fields, to_utc(time.time()))).html()
+            raise Refused(said("no calibration was accepted in this session: there is nothing to certify"))
+        taken = tuple(photographs(journal, path))
+        return certificate(Inputs(record, self._fields, to_utc(time.time()), photographs=taken)).html()
 
 
 def _read(path: str) -> Journal:
     return read_journal(read_bytes(Path(path)), where=path)
 
 
-def _report(journal: Journal) -> str:
+def _report(journal: Journal, path: Path) -> str:
     from highside.report.session_page import session_page
 
-    return session_page(journal)
+    return session_page(journal, photographs(journal, path))

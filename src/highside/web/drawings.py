@@ -21,6 +21,7 @@ from highside.bench.session.snapshot import (
     UncertaintyState,
     table_reads,
 )
+from highside.web.words import _
 
 RADIUS = 100.0
 RINGS_DEG = (1.0, 10.0, 90.0)
@@ -63,7 +64,7 @@ def bulls_eye(deviation: Deviation | None, target: Target | None) -> Markup:
     """The tool as a dot, the requested pose as the centre: up is more inclined, right is clockwise."""
     shapes = [_shape("circle", "ring", r=RADIUS)]
     if deviation is None or target is None:
-        why = "no pose requested" if target is None else "no readings"
+        why = _("no pose requested") if target is None else _("no readings")
         shapes.append(_shape("text", "scale mid", text=why, y=6.0))
         return svg(shapes, why, box="-112 -112 224 224", name="bullseye")
     good = " hit" if deviation.angle_deg <= deviation.tolerance_deg else ""
@@ -80,9 +81,10 @@ def bulls_eye(deviation: Deviation | None, target: Target | None) -> Markup:
         _shape("line", "way", x1=x, y1=y, x2=0.0, y2=0.0),
         _shape("circle", f"tool{good}", cx=x, cy=y, r=9.0),
     ]
-    summary = (
-        f"the tool is {deviation.angle_deg:.2f} degrees from the pose; within {deviation.tolerance_deg:.2f} it is taken"
-    )
+    summary = _("the tool is %(angle)s degrees from the pose; within %(tolerance)s it is taken") % {
+        "angle": f"{deviation.angle_deg:.2f}",
+        "tolerance": f"{deviation.tolerance_deg:.2f}",
+    }
     return svg(shapes, summary, box="-112 -112 224 224", name="bullseye")
 
 
@@ -114,11 +116,11 @@ def dial(attitude: AttitudeState | None, target: Target | None) -> Markup:
     if now is not None:
         x, y = _at(now, 62.0)
         shapes += [_shape("line", "needle", x1=0.0, y1=0.0, x2=x, y2=y), _shape("circle", "hub", r=7.0)]
-        words = f"toolface {now:.1f} degrees"
+        words = _("toolface %(angle)s degrees") % {"angle": f"{now:.1f}"}
     else:
-        words = "toolface not known" if attitude is None else "toolface not defined: the tool is vertical"
+        words = _("toolface not known") if attitude is None else _("toolface not defined: the tool is vertical")
     if goal is not None:
-        words += f", requested {goal % 360.0:.1f}"
+        words += ", " + _("requested %(angle)s") % {"angle": f"{goal % 360.0:.1f}"}
     return svg(shapes, words, box="-118 -118 236 236", name="dial")
 
 
@@ -128,7 +130,7 @@ def trace(stillness: StillnessState | None) -> Markup:
     box = f"0 0 {width:g} {height:g}"
     shapes = [_shape("rect", "pane", width=width, height=height)]
     if stillness is None or not stillness.trace:
-        return svg(shapes, "no readings yet", box=box, name="trace")
+        return svg(shapes, _("no readings yet"), box=box, name="trace")
     y_limit = height * (1.0 - _share(stillness.limit))
     points = _polyline([height * (1.0 - _share(value)) for value in stillness.trace], width)
     shapes += [
@@ -136,7 +138,10 @@ def trace(stillness: StillnessState | None) -> Markup:
         _shape("line", "limit", x1=0.0, x2=width, y1=y_limit, y2=y_limit),
         _shape("polyline", "line hit" if stillness.still else "line", points=points),
     ]
-    summary = f"{'still' if stillness.still else 'moving'}: {stillness.value:.1f} times what its own noise allows"
+    summary = _("%(state)s: %(times)s times what its own noise allows") % {
+        "state": _("still") if stillness.still else _("moving"),
+        "times": f"{stillness.value:.1f}",
+    }
     return svg(shapes, summary, box=box, name="trace")
 
 
@@ -146,7 +151,7 @@ def uncertainty_curve(uncertainty: UncertaintyState | None) -> Markup:
     box = f"0 0 {width:g} {height:g}"
     shapes = [_shape("rect", "pane", x=left, width=width - left, height=height - low)]
     if uncertainty is None or not uncertainty.inc_deg:
-        return svg(shapes, "no uncertainty yet", box=box, name="curve")
+        return svg(shapes, _("no uncertainty yet"), box=box, name="curve")
     values = [v for v in (*uncertainty.inc_std_deg, *uncertainty.tf_std_deg) if v > 0]
     bottom = max(-9, math.floor(math.log10(min(values, default=1e-3))))
     top = max(bottom + 1, math.ceil(math.log10(max(values, default=1.0))))
@@ -168,10 +173,10 @@ def uncertainty_curve(uncertainty: UncertaintyState | None) -> Markup:
         _shape("text", "scale", text="0°", x=left, y=height - 3),
         _shape("text", "scale right", text=f"I = {span_deg:g}°", x=width, y=height - 3),
     ]
-    summary = (
-        f"uncertainty of the calibration: I {uncertainty.rms_inc_std_deg:.4f}, T"
-        f" {uncertainty.rms_tf_std_deg:.4f} degrees, one standard deviation"
-    )
+    summary = _("uncertainty of the calibration: I %(inc)s, T %(tf)s degrees, one standard deviation") % {
+        "inc": f"{uncertainty.rms_inc_std_deg:.4f}",
+        "tf": f"{uncertainty.rms_tf_std_deg:.4f}",
+    }
     return svg(shapes, summary, box=box, name="curve")
 
 

@@ -19,7 +19,8 @@ from urllib.parse import parse_qs
 from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response
 
-from highside.config.web import WebTable
+from highside.config.web import WebProxy, WebTable
+from highside.web.signin.people import peer_of
 from highside.web.sockets import Offences
 from highside.web.viewers import Viewers
 
@@ -32,9 +33,21 @@ App = Callable[[Scope, Receive, Send], Awaitable[None]]
 Allowed = Callable[[Request], tuple[int, float] | None]
 """Bytes of a body and seconds for it, where they are not those of every request"""
 Gate = Callable[[Request], Response | AbstractContextManager[None]]
+"""What is answered instead of a page, or what to hold meanwhile"""
 
 BODY_MAX = {"/login": 10_000, "/api/session/command": 16_384} | dict.fromkeys(
-    ("/diagnosis/look", "/diagnosis/run", "/diagnosis/forget", "/diagnosis/sign-in"), 8_000
+    (
+        "/diagnosis/look",
+        "/diagnosis/run",
+        "/diagnosis/forget",
+        "/diagnosis/sign-in",
+        "/sign-in",
+        "/bench/begin",
+        "/bench/resume",
+        "/bench/close",
+        "/bench/sign-in",
+    ),
+    8_000,
 )
 """Bytes of a body: a token has a few dozen, a command with the longest note and names in escaped JSON some 9,000;
 what is said of columns, 4,000."""
@@ -59,7 +72,8 @@ _POLICY = (
 )
 _HEADERS = (
     (b"content-security-policy", _POLICY.encode()),
-    (b"referrer-policy", b"no-referrer"),
+    # a form of ours names our origin, by which it is told from others'; without a referrer a browser names none
+    (b"referrer-policy", b"same-origin"),
     (b"x-content-type-options", b"nosniff"),
 )
 
@@ -71,6 +85,8 @@ class HostNames:
         own = socket.gethostname().lower()
         short = own.partition(".")[0]
         names = {"localhost", "127.0.0.1", "::1", settings.host, *settings.allowed_hosts}
+        if settings.proxy is not None:
+            names.add(_without_port(settings.proxy.origin.partition("://")[2]))
         if not settings.is_loopback:
             names |= {own, short, f"{short}.local"}
         self._names = {_plain(name) for name in names}
@@ -97,6 +113,7 @@ class Front:
         offences: Offences,
         gate: Gate,
         allowed: Allowed = lambda _request: None,
+        proxy: WebProxy | None = None,
     ) -> None:
         # the name by which servers find the application within
         self.app = app
@@ -105,16 +122,32 @@ class Front:
         self._offences = offences
         self._gate = gate
         self._allowed = allowed
+        self._proxy = proxy
         self._large = 0
         self._strangers = 0
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] == "lifespan":
             await self.app(scope, receive, send)
-        elif scope["type"] == "http":
+            return
+        scope = self._as_reached(scope)
+        if scope["type"] == "http":
             await self._http(scope, receive, _with_headers(send))
         else:
             await self._socket(scope, receive, send)
+
+    def _by_proxy(self, scope: Scope) -> bool:
+        return self._proxy is not None and peer_of(scope) == self._proxy.address
+
+    def _as_reached(self, scope: Scope) -> Scope:
+        """What comes from the stated proxy, as the browser has sent it: under the proxy's name and scheme."""
+        if self._proxy is None or not self._by_proxy(scope):
+            return scope
+        scheme, _, host = self._proxy.origin.partition("://")
+        secure = {"http": "https", "ws": "wss"} if scheme == "https" else {"https": "http", "wss": "ws"}
+        headers = [(name, value) for name, value in scope["headers"] if name != b"host"]
+        kind = scope.get("scheme", "http")
+        return {**scope, "scheme": secure.get(kind, kind), "headers": [*headers, (b"host", host.encode())]}
 
     def _is_ours(self, scope: Scope) -> bool:
         hosts = [value for name, value in scope["headers"] if name == b"host"]
@@ -155,8 +188,8 @@ class Front:
             first = next(rest, None)
             return first if first is not None else await receive()
 
-        # no proxy stands before this server: what says so is a stranger's word
-        headers = [(name, value) for name, value in scope["headers"] if not name.startswith(b"x-forwarded-")]
+        # what the stated proxy says has been read; from anybody else it is a stranger's word
+        headers = scope["headers"] if self._by_proxy(scope) else _without_forwarded(scope["headers"])
         with passed:
             await self.app({**scope, "headers": headers}, replay, send)
 
@@ -192,6 +225,10 @@ class Front:
                 await send({"type": "websocket.close", "code": 1008})
             except Exception:
                 return
+
+
+def _without_forwarded(headers: list[tuple[bytes, bytes]]) -> list[tuple[bytes, bytes]]:
+    return [(name, value) for name, value in headers if not name.startswith(b"x-forwarded-")]
 
 
 def _with_headers(send: Send) -> Send:

@@ -13,7 +13,6 @@ import logging
 import time
 import weakref
 from collections.abc import Awaitable, Callable
-from http.cookies import CookieError, SimpleCookie
 from typing import Any
 from urllib.parse import parse_qs
 
@@ -21,7 +20,7 @@ from nicegui import Client, core, ui
 from socketio.exceptions import ConnectionRefusedError as Refused
 
 from highside.printable import one_line
-from highside.web.access import COOKIE, Access
+from highside.web.access import Access
 from highside.web.viewers import Viewers
 
 log = logging.getLogger("highside")
@@ -166,7 +165,7 @@ class Sockets:
             and bool(data.get("tab_id"))
             and bool(data.get("document_id"))
             and str(data.get("next_message_id", "0")).isdecimal()
-            and (not self._viewers.may_command(page) or self._shows_cookie(sid))
+            and self._access.opens(self._scope(sid), commands=self._viewers.may_command(page))
         )
         if not good:
             return False
@@ -216,16 +215,13 @@ class Sockets:
         except Exception as error:
             self._offences.note(f"a malformed {name} ({type(error).__name__})", self._sender(sid))
 
-    def _shows_cookie(self, sid: str) -> bool:
-        try:
-            cookies = SimpleCookie((core.sio.get_environ(sid) or {}).get("HTTP_COOKIE", ""))
-        except CookieError:
-            return False
-        return COOKIE in cookies and self._access.by_cookie(cookies[COOKIE].value)
+    def _scope(self, sid: str) -> dict[str, Any]:
+        """The request that opened a socket."""
+        found: dict[str, Any] = (core.sio.get_environ(sid) or {}).get("asgi.scope", {})
+        return found
 
     def _sender(self, sid: str) -> object:
-        environ = core.sio.get_environ(sid) or {}
-        return environ.get("asgi.scope", {}).get("client")
+        return self._scope(sid).get("client")
 
 
 def _is_scene_built(message: dict[str, Any]) -> bool:

@@ -19,6 +19,7 @@ from highside.bench.session.ledger import Ledger
 from highside.bench.session.machine import Action, SessionEvent
 from highside.bench.session.reasons import Fault, Rejection
 from highside.bench.session.snapshot import Command, CommandName
+from highside.bench.session.time_to_go import Pace
 from highside.bench.session.tracker import Tracker
 from highside.bench.session.watch import SAME_ATTITUDE_DEG, Watch
 from highside.calibration.record import CalibrationRecord
@@ -39,6 +40,7 @@ class Actions:
         write: Callable[[Entry], None],
         wall: Callable[[], float],
         store: Store | None,
+        pace: Pace,
     ) -> None:
         self.header = header
         self.plan = header.plan
@@ -59,6 +61,7 @@ class Actions:
         self._write = write
         self._wall = wall
         self._store = store
+        self._pace = pace
         self._judged: JudgedHold | None = None
         self._refused_last: tuple[str | None, Rejection] | None = None
         self._same_refusals = 0
@@ -68,6 +71,7 @@ class Actions:
         self._write(entry)
         self.faults.clear(Fault.STORAGE)
         self.ledger.apply(entry)
+        self._pace.note(entry, self.faults.now_s)
         self.kept += 1
 
     def do(self, action: Action, event: SessionEvent, command: Command | None) -> None:

@@ -4,7 +4,8 @@ One operator holds a session: whoever started it, or resumed it last. Others may
 paused. A name is not enough to be that operator, for everybody can read it: a session belongs to where it was taken
 (`Origin`: here, or at the broker) and, if its taker chose a secret, to who knows it. Here, at the terminal of the
 process and on its page, one that was taken at the broker or with a secret may always be paused, so that a secret that
-is lost holds nobody up.
+is lost holds nobody up; and what was accepted may be put in force, or taken back, by whoever may command here: that
+is another decision than measuring, and where people sign in another role than the measurer's may be asked for.
 
 What the table refuses is refused first, then what makes no sense for want of a pose, a hold or a result.
 """
@@ -84,7 +85,9 @@ def refusal(
         return result.reason
     free = name in (CommandName.START, CommandName.RESUME)
     # who has the name alone to prove can be asked; a secret, or a broker, may be out of reach
-    here = name is CommandName.PAUSE and holder.partition(":")[0] == Origin.HERE and ledger.holder != Origin.HERE
+    paused = name is CommandName.PAUSE and ledger.holder != Origin.HERE
+    forced = name in (CommandName.ACTIVATE, CommandName.ROLLBACK)
+    here = holder.partition(":")[0] == Origin.HERE and (paused or forced)
     if not (free or here or holds(ledger, operator, holder)):
         return Refusal.HELD_BY_OTHER
     match name:
@@ -108,27 +111,39 @@ def refusal(
 
 
 class Replies:
-    """The answers given lately: a command that comes twice is answered as before. Each who gives commands (`holder_of`)
-    has request ids of their own, so that nobody can use up another's."""
+    """The answers given lately: a command that comes twice is answered as before, another one under its id is refused
+    (who hears "done" must not be told so of what was not done). Each who gives commands (`holder_of`) has request ids
+    of their own, so that nobody can use up another's."""
 
     def __init__(self) -> None:
-        self._given: dict[tuple[str, str, str], Reply] = {}
+        self._given: dict[tuple[str, str, str], tuple[Command, Reply]] = {}
 
-    def before(self, command: Command, holder: str) -> Reply | None:
-        return self._given.get((holder, command.operator, command.request_id))
+    def before(self, command: Command, holder: str, state: SessionState, seq: int) -> Reply | None:
+        """The answer to a command whose id was used before; None: it is a new one."""
+        given = self._given.get((holder, command.operator, command.request_id))
+        if given is None:
+            return None
+        same, reply = given
+        if same == command:
+            return reply
+        return _answer(command, Refusal.ID_USED, f"It was {same.name.value}.", state, seq)
 
     def give(
         self, command: Command, holder: str, refused: Refusal | None, detail: str, state: SessionState, seq: int
     ) -> Reply:
-        reply = Reply(
-            request_id=command.request_id,
-            accepted=refused is None,
-            reason=None if refused is None else refused.value,
-            text="done" if refused is None else f"{refused.text} {detail}".strip(),
-            state=state,
-            seq=seq,
-        )
-        self._given[holder, command.operator, command.request_id] = reply
+        reply = _answer(command, refused, detail, state, seq)
+        self._given[holder, command.operator, command.request_id] = command, reply
         while len(self._given) > REPLIES_KEPT:
             del self._given[next(iter(self._given))]
         return reply
+
+
+def _answer(command: Command, refused: Refusal | None, detail: str, state: SessionState, seq: int) -> Reply:
+    return Reply(
+        request_id=command.request_id,
+        accepted=refused is None,
+        reason=None if refused is None else refused.value,
+        text="done" if refused is None else f"{refused.text} {detail}".strip(),
+        state=state,
+        seq=seq,
+    )

@@ -9,10 +9,24 @@ hold acquisition up.
 from __future__ import annotations
 
 from collections.abc import AsyncIterator
+from dataclasses import dataclass
 from typing import Protocol
 
 from highside.bench.session.commands import Origin
 from highside.bench.session.snapshot import Command, Reply, Snapshot
+
+REMARK_MAX = 500
+"""Letters of one remark, as of a command's note."""
+REMARKS_MAX = 200
+"""Of one process: nobody fills the disk of a bench by a stuck key."""
+
+
+@dataclass(frozen=True, slots=True)
+class Kept:
+    """Whether something was kept, and the answer in words."""
+
+    done: bool
+    text: str
 
 
 class SessionDriver(Protocol):
@@ -33,6 +47,14 @@ class SessionDriver(Protocol):
 
     async def command(self, command: Command, origin: Origin = Origin.HERE) -> Reply:
         """Do what an operator asks, or say why not; `origin`: where it came from. Never raises for its content."""
+        ...
+
+    async def remark(self, operator: str, text: str) -> str:
+        """Keep a remark of an operator (`Name`) in the journal, `REMARK_MAX` letters at most; the answer in words."""
+        ...
+
+    async def photograph(self, operator: str, text: str, sent: bytes) -> Kept:
+        """Keep a photograph (a file as a camera gives it) and what is said of it beside the journal."""
         ...
 
     @property

@@ -146,6 +146,18 @@ class Noted:
 
 
 @dataclass(frozen=True, slots=True)
+class Photographed:
+    """A photograph was kept beside the journal, in a file named by its SHA-256 (64 hexadecimal digits); it decides
+    nothing. `width`, `height` in points."""
+
+    operator: str
+    text: str
+    sha256: str
+    width: int
+    height: int
+
+
+@dataclass(frozen=True, slots=True)
 class Ended:
     """`how`: accepted, rejected, aborted. `record` the id of the record that follows from this journal."""
 
@@ -181,6 +193,7 @@ Entry = (
     | Paused
     | Resumed
     | Noted
+    | Photographed
     | Ended
     | PutInForce
 )

@@ -16,12 +16,14 @@ from highside.calibration.record import CalibrationRecord
 
 MIN_DIGITS = 6
 """Fewest digits by which a record may be named."""
+NOTHING = "nothing"
+"""In place of a record's id: a roll back leaves none in force, since there was none before."""
 COMMANDS = (CommandName.ACTIVATE, CommandName.ROLLBACK)
 
 
 @dataclass(frozen=True, slots=True)
 class InForce:
-    """Ids of the calibration in force for the tool, and of the one that a roll back would put there."""
+    """Ids of the calibration in force for the tool, and of the one that a roll back would put there (or `NOTHING`)."""
 
     present: str | None = None
     before: str | None = None
@@ -43,7 +45,8 @@ class Store(Protocol):
         ...
 
     def rollback(self, tool_id: str, to: str) -> InForce:
-        """Put the one before in force again, if that is `to`. Raises StoreError."""
+        """Put the one before in force again, if that is `to`; with `NOTHING`, take the only one out. Raises
+        StoreError."""
         ...
 
 
@@ -58,7 +61,9 @@ def what_is_missing(name: CommandName, record: str | None, force: InForce) -> Re
         return Refusal.NO_RECORD
     if name is CommandName.ACTIVATE and force.present == record:
         return Refusal.IN_FORCE
-    if name is CommandName.ROLLBACK and force.before is None:
+    # who has put the first one in force may undo that; the first one of somebody else stays
+    foreign = force.before == NOTHING and force.present != record
+    if name is CommandName.ROLLBACK and (force.before is None or foreign):
         return Refusal.NOTHING_BEFORE
     return None
 

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
@@ -29,6 +30,7 @@ from highside.errors import HighsideError, InputError
 from highside.reading import MALFORMED, instant, parse_json
 
 SCHEMA = "highside.journal/1"
+_SHA256 = re.compile(r"[0-9a-f]{64}")
 
 _KINDS: dict[str, type] = {
     "began": entries.Began,
@@ -42,6 +44,7 @@ _KINDS: dict[str, type] = {
     "paused": entries.Paused,
     "resumed": entries.Resumed,
     "noted": entries.Noted,
+    "photographed": entries.Photographed,
     "ended": entries.Ended,
     "put_in_force": entries.PutInForce,
 }
@@ -217,6 +220,8 @@ def _entry(content: Mapping[str, Any]) -> Entry:
         data["readings"] = _readings(data["readings"])
     if "reason" in data:
         data["reason"] = Rejection(data["reason"])
+    if "sha256" in data and _SHA256.fullmatch(data["sha256"]) is None:
+        raise ValueError("has no SHA-256 of its photograph")
     entry: Entry = _KINDS[content["e"]](**data)
     return entry
 

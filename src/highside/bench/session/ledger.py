@@ -23,6 +23,7 @@ from highside.bench.session.entries import (
     HoldReadings,
     Noted,
     Paused,
+    Photographed,
     PlanClosed,
     PutInForce,
     RefusedHold,
@@ -137,7 +138,7 @@ class Ledger:
                 self.operator, self.holder = operator, holder
             case Ended():
                 self.ended = entry
-            case Paused() | Noted() | PutInForce():
+            case Paused() | Noted() | Photographed() | PutInForce():
                 pass
         self._enter_stage()
 

@@ -82,6 +82,7 @@ class Refusal(_Explained):
         "Confirm it: name (`confirm`) the record that is to be in force, by the first 6 digits of its id or more.",
     )
     STORE = "store", "The calibration store has refused, and nothing was changed."
+    ID_USED = "id_used", "That request_id was another command's. Give each command an id of its own."
 
 
 class Fault(_Explained):

@@ -28,17 +28,20 @@ from highside.bench.session.machine import outcome as outcome_of
 from highside.bench.session.reasons import Fault, Refusal, Rejection
 from highside.bench.session.snapshot import Command, CommandName, Reply, SessionState, UncertaintyState
 from highside.bench.session.stillness import ReadingWindow
+from highside.bench.session.time_to_go import Pace
 from highside.bench.session.tracker import Gap, Tracker
 from highside.bench.session.watch import Watch
 from highside.calibration.record import CalibrationRecord
 from highside.codec.frame import Frame
 
 DATA_LOST_S = 2.0
+STALE_S, STALE_WINDOWS = 1.0, 4.0
+"""What the tool said so long ago, or so many windows, is shown as a present value no more; the session waits longer."""
 
 
 class BenchSession:
     """See the module's docstring. `write` keeps an entry for good or raises StorageError; `wall` is the UTC clock;
-    `store` is asked to put the calibration in force (None: it cannot be)."""
+    `store` is asked to put the calibration in force (None: it cannot be); `pace`: of a journal that is gone on with."""
 
     def __init__(
         self,
@@ -49,6 +52,7 @@ class BenchSession:
         ledger: Ledger | None = None,
         known_noise_g: float | None = None,
         store: Store | None = None,
+        pace: Pace | None = None,
     ) -> None:
         self.header = header
         self.plan = header.plan
@@ -57,7 +61,10 @@ class BenchSession:
         self.state = SessionState.IDLE
         self.faults = Faults()
         self.watch = Watch(self.ledger, self.tracker, self.faults)
-        self.actions = Actions(header, self.ledger, self.tracker, self.watch, self.faults, write, wall, store)
+        self.pace = pace or Pace()
+        self.actions = Actions(
+            header, self.ledger, self.tracker, self.watch, self.faults, write, wall, store, self.pace
+        )
         self.now_s = 0.0
         self.started_s: float | None = None
         self._moments = 0
@@ -66,6 +73,8 @@ class BenchSession:
         self._so_far: tuple[int, UncertaintyState | None] | None = None
         self._looking_ahead = False
         self._last_data_s: float | None = None
+        self.stale = False
+        """nothing came for so long that what came last is no present value"""
         self._since_s = 0.0
         if self.ledger.began:
             self._go_on()
@@ -110,6 +119,7 @@ class BenchSession:
         if not frames:
             return
         self._last_data_s = now_s
+        self.stale = False
         self.faults.clear(Fault.NO_DATA, Fault.LINK_DOWN)
         if self.state is SessionState.NO_DATA:
             self._event(SessionEvent.DATA_BACK)
@@ -126,7 +136,11 @@ class BenchSession:
         self._at(now_s)
         if self._last_data_s is None:
             self._last_data_s = now_s
-        if now_s - self._last_data_s > DATA_LOST_S:
+        silent_s = now_s - self._last_data_s
+        if not self.stale and silent_s > max(STALE_S, STALE_WINDOWS * self.tracker.window_s):
+            self.stale = True
+            self._moments += 1
+        if silent_s > DATA_LOST_S:
             if Fault.NO_DATA not in self.faults:
                 self.faults.put(Fault.NO_DATA)
                 self.tracker.forget()
@@ -166,7 +180,7 @@ class BenchSession:
         """Do what an operator asks, or say why not. Repeated request ids get the first answer."""
         self._at(now_s)
         holder = holder_of(command, origin)
-        known = self._replies.before(command, holder)
+        known = self._replies.before(command, holder, self.state, self.seq)
         if known is not None:
             return known
         refused, detail = self._refuse(command.name, command.operator, holder, command.pose), ""
@@ -208,6 +222,16 @@ class BenchSession:
             record=None if self.record is None else self.record.id,
             in_force=self.in_force,
         )
+
+    def remark(self, operator: str, text: str, now_s: float) -> None:
+        """Keep what an operator wishes the reader to know; it decides nothing. Raises StorageError."""
+        self._at(now_s)
+        self.actions.keep(entries.Noted("remark", f"{operator}: {text}"))
+
+    def photographed(self, entry: entries.Photographed, now_s: float) -> None:
+        """Keep what a photograph is known by; its file is on the disk already. Raises StorageError."""
+        self._at(now_s)
+        self.actions.keep(entry)
 
     def note_interruption(self) -> None:
         """This journal is gone on with by a new process: an operator has to resume, and then holds the session."""
@@ -265,6 +289,16 @@ class BenchSession:
             return solved.uncertainty
         return None if self._so_far is None else self._so_far[1]
 
+    @property
+    def to_go_s(self) -> float | None:
+        """What the poses still open will take, warming up not counted; None where that cannot be known."""
+        waits = self.state in MEASURING or self.state is SessionState.PAUSED
+        if self.plan.open_ended or not waits:
+            return None
+        poses = sum(line.open for line in self.ledger.lines.values())
+        hold = None if self.hold is None else (self.hold.elapsed_s, self.hold.progress()) if self.hold.windows else None
+        return self.pace.to_go_s(poses, self.now_s, hold=hold)
+
     # --- the machine -------------------------------------------------------------------------------------------
 
     def _event(self, event: SessionEvent, command: Command | None = None) -> None:
@@ -290,6 +324,8 @@ class BenchSession:
         target = self._onward() if isinstance(step.to, Onward) else step.to
         if target is not SessionState.CAPTURING and target is not SessionState.CHECKING:
             self.watch.hold = None
+        if target is SessionState.NO_DATA:
+            self.pace.halt()
         if target is not self.state:
             self._since_s = self.now_s
             self.faults.clear(Fault.WAITING_LONG)

@@ -209,7 +209,7 @@ class ForceState(_Model):
     """Calibrations in the store, by id."""
 
     present: str | None = Field(description="In force for this tool.")
-    before: str | None = Field(description="What a roll back puts in force.")
+    before: str | None = Field(description="What a roll back puts in force; 'nothing': it leaves none.")
 
 
 class ResultState(_Model):
@@ -267,6 +267,9 @@ class Snapshot(_Model):
     allowed: list[CommandName] = Field(description="Commands that would not be refused now.")
     result: ResultState | None
     in_force: ForceState | None = Field(default=None, description="Known once a record was accepted.")
+    to_go_s: float | None = Field(
+        default=None, ge=0, description="What the open poses will take at the pace so far; null: not known yet."
+    )
     elapsed_s: float = Field(ge=0, description="Session time: that of the tool's own clock while data came.")
 
     def to_json(self) -> str:
@@ -293,7 +296,8 @@ Name = Annotated[str, Field(min_length=1, max_length=64, pattern=r"^[^\x00-\x1f\
 
 
 class Command(_Model):
-    """What a face sends. A command whose `request_id` was received before is answered as before and not done twice."""
+    """What a face sends. The same command again is answered as before and not done twice; another one with the
+    `request_id` of an earlier is refused."""
 
     name: CommandName
     request_id: Name
@@ -301,7 +305,8 @@ class Command(_Model):
     pose: Name | None = Field(default=None, description="For redo and skip.")
     note: str | None = Field(default=None, max_length=500, description="Kept in the journal.")
     confirm: Name | None = Field(
-        default=None, description="For activate and rollback: id (its first 6 digits or more) of the record meant."
+        default=None,
+        description="For activate and rollback: id (its first 6 digits or more) of the record meant, or 'nothing'.",
     )
     secret: Annotated[SecretStr, Field(min_length=16, max_length=128)] | None = Field(
         default=None,

@@ -77,7 +77,7 @@ class View:
             deviation=deviation,
             stillness=self._stillness(),
             capture=self._capture(),
-            temp_c=session.tracker.temp_c,
+            temp_c=None if self._silent else session.tracker.temp_c,
             poses=[
                 _row(line, plan.stages[line.stage].temp_c, self._away.get(line.id)) for line in ledger.lines.values()
             ],
@@ -94,6 +94,7 @@ class View:
             in_force=None
             if session.in_force is None
             else ForceState(present=session.in_force.present, before=session.in_force.before),
+            to_go_s=session.to_go_s,
             elapsed_s=0.0 if session.started_s is None else max(0.0, session.now_s - session.started_s),
         )
 
@@ -121,7 +122,8 @@ class View:
     @property
     def _silent(self) -> bool:
         """Nothing comes from the tool: what it said last is no present value."""
-        return any(fault in self._session.faults for fault in (Fault.NO_DATA, Fault.LINK_DOWN))
+        session = self._session
+        return session.stale or any(fault in session.faults for fault in (Fault.NO_DATA, Fault.LINK_DOWN))
 
     def _where(self, target: CandidatePose | None) -> tuple[AttitudeState | None, Deviation | None]:
         session = self._session

@@ -10,6 +10,7 @@ from highside.calibration.methods import get
 from highside.calibration.poses import PoseSet
 from highside.calibration.remark import CalibrationRefused
 from highside.errors import InputError
+from highside.words import said_later
 
 
 def _solve(poses: PoseSet, request: SolveRequest, bench: BenchAccuracy) -> Solution:
@@ -32,7 +33,7 @@ def _solve(poses: PoseSet, request: SolveRequest, bench: BenchAccuracy) -> Solut
 
 METHOD = Method(
     "balance",
-    described="balance correction ({triples})",
+    described=said_later("balance correction ({triples})"),
     colour="#3d8b40",
     solve=_solve,
     by_inclination=True,

@@ -9,6 +9,7 @@ from highside.calibration.method import Method, Solution, SolveRequest
 from highside.calibration.poses import PoseSet
 from highside.calibration.refinement import refine
 from highside.calibration.temperature import joint_over_temperature
+from highside.words import said_later
 
 
 def _solve(poses: PoseSet, request: SolveRequest, bench: BenchAccuracy) -> Solution:
@@ -23,7 +24,7 @@ def _by_magnitude(poses: PoseSet) -> Solution:
 
 METHOD = Method(
     "joint",
-    described="joint estimate of sensor and bench",
+    described=said_later("joint estimate of sensor and bench"),
     colour="#2f7fd1",
     solve=_solve,
     by_magnitude=_by_magnitude,

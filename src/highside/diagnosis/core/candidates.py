@@ -172,7 +172,7 @@ def _plain_columns(model: ForwardModel, state: ChainState, effects: Sequence[Eff
 
 def _shaped(model: ForwardModel, state: ChainState, effect: Effect) -> list[Variant]:
     force = np.asarray(model.chain(state).force, dtype=float)
-    shapes = shapes_tried(effect, state, _step_times(state))
+    shapes = shapes_tried(effect, state, step_times(state))
     return [Variant(shape, columns_of(model, state, effect, shape, force)) for shape in shapes]
 
 
@@ -182,7 +182,7 @@ def shapes_tried(effect: Effect, state: ChainState, epochs: Sequence[float]) -> 
         tuple(epochs) if p.epoch else time_constants(p, state) if p.time_constant else p.grid for p in effect.shapes
     ]
     # beside another shape a time of onset is looked for more coarsely
-    every = -(-math.prod(len(v) for v in values) // MOST_SHAPES)
+    every = max(1, -(-math.prod(len(v) for v in values) // MOST_SHAPES))
     values = [v[::every] if p.epoch else v for p, v in zip(effect.shapes, values, strict=True)]
     return [dict(zip((p.name for p in effect.shapes), found, strict=True)) for found in product(*values)]
 
@@ -202,7 +202,7 @@ def time_constants(shape: Parameter, state: ChainState) -> tuple[float, ...]:
     return tuple(values)
 
 
-def _step_times(state: ChainState) -> tuple[float, ...]:
+def step_times(state: ChainState) -> tuple[float, ...]:
     """Instants between poses, away from both ends, for a step that could be anywhere."""
     elapsed = state.t_s - state.t_s[0]
     between = (elapsed[:-1] + elapsed[1:]) / 2

@@ -17,6 +17,7 @@ from highside.diagnosis.core.location import intervals
 from highside.diagnosis.core.policy import CAUSES, PLACES
 from highside.diagnosis.core.result import Claim, DiagnosisResult, Location
 from highside.diagnosis.core.support import cells_of
+from highside.long_arrays import is_long
 from highside.physics.effect import Effect, Stage
 from highside.physics.effects import all_effects
 from highside.physics.forward import ForwardModel
@@ -35,7 +36,7 @@ def located_by_cause(diagnosis: DiagnosisResult, model: ForwardModel, state: Cha
     """
     if not diagnosis.claims or len(diagnosis.location) != len(diagnosis.claims):
         return diagnosis
-    if state.n > CAUSES.most_rows:
+    if state.n > CAUSES.most_rows or is_long(state.t_s):
         state = state.rows(slice(None, None, -(-state.n // CAUSES.most_rows)))
     places = [
         _by_cause(claim, place, model, state) for claim, place in zip(diagnosis.claims, diagnosis.location, strict=True)

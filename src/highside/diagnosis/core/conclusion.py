@@ -16,7 +16,7 @@ from highside.diagnosis.core.effect_scores import effect_scores
 from highside.diagnosis.core.fit import JointFit
 from highside.diagnosis.core.policy import CONCLUSION
 from highside.diagnosis.core.problem import N, Problem, ReportData, SelectionState
-from highside.diagnosis.core.regression import log10_p, outside, span
+from highside.diagnosis.core.regression import log10_p, outside, p_of, span
 from highside.diagnosis.core.result import Claim, DiagnosisResult, Fit, Location, Remainder, Rival, Verdict
 from highside.diagnosis.core.rival_refit import beside_refits, refitted
 from highside.diagnosis.core.rivals import Rivalry, beside_memory, rivalry, what_shows
@@ -203,7 +203,7 @@ def _widened(problem: Problem[N], selection: SelectionState[N]) -> list[Term]:
 
 
 def _as_p(scanned: _Scanned) -> float:
-    return float(10.0 ** -scanned.log_p[scanned.most_significant])
+    return p_of(float(scanned.log_p[scanned.most_significant]))
 
 
 def _gain(selector: Selector, terms: Sequence[Term]) -> float:
@@ -277,7 +277,7 @@ def _located(
         own = span(outside(others, selector.candidate_set.columns(m)), tolerance=CONCLUSION.own)
         signal = (own @ selector.residual) @ own
         total = max(_gain(selector, terms), 1e-12)
-        p = float(10.0 ** -selector.ranking([o for o in terms if o != m]).log_p[m.candidate])
+        p = p_of(float(selector.ranking([o for o in terms if o != m]).log_p[m.candidate]))
         portion = min(1.0, share * float(signal @ signal) / total)
         found += problem.locate(selection, signal, selector.base, p, portion)
     return found
@@ -299,7 +299,7 @@ def _located_whole(
     explained = span(outside(selector.base, np.concatenate(own)), tolerance=CONCLUSION.own)
     signal = (explained @ selector.residual) @ explained
     log_p = [float(selector.ranking([o for o in terms if o != m]).log_p[m.candidate]) for m in terms]
-    p = float(10.0 ** -max([*log_p, float(after.log_p[after.most_significant])]))
+    p = p_of(max([*log_p, float(after.log_p[after.most_significant])]))
     return problem.locate_whole(selection, signal, [], p, 1.0)
 
 
@@ -325,7 +325,7 @@ def _claim(problem: Problem[N], selection: SelectionState[N], term: Term, r: Riv
     effect = candidate.effect
     assert effect is not None
     candidates = problem.candidates
-    p = 10.0 ** -selection.selector.ranking([m for m in selection.terms if m != term]).log_p[term.candidate]
+    p = p_of(float(selection.selector.ranking([m for m in selection.terms if m != term]).log_p[term.candidate]))
     family = len(candidates)
     ruled_out = sorted(
         (

@@ -56,10 +56,13 @@ class StabilityPolicy:
     """Share of a claim's own gain that its change must add: less is no matter for its size (a tenth). Source: a factor
     of 0.9 and 1.1 in halves adds 0.01."""
     change_log_p: float = 3.5
-    """-log10 p from which one change of the size, a step or a straight line over the session, is believed. Source: one
+    """-log10 p from which one change of the size, a step, a straight line or a wave, is believed. Source: one
     direction shows more than a size for each part does; of 4,000 constants in unit noise 2 exceed it, and of 200
     effects of constant size in five kinds of noise 1 was doubted (`studies/simulation_honesty.py sizes`, seeds 810 to
     814)."""
+    wave_phases: int = 4
+    """Phases at which one wave of the size over the session is tried. Source: between two of them 0.96 of what a wave
+    adds is seen (cos^2 of 11 deg)."""
     decimals: int = 4
     """Decimals, in rad or rad/s, to which settings are alike. Source: 0.006 deg, below what benches repeat to."""
     levels: int = 4

@@ -7,141 +7,33 @@ selection found it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import partial
-from typing import NamedTuple, Protocol, runtime_checkable
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from highside.arrays import Array
 from highside.diagnosis.core.candidate_set import Term
-from highside.diagnosis.core.candidates import Candidate, Variant, columns_of
-from highside.diagnosis.core.chunks import chunks_of, in_order
+from highside.diagnosis.core.candidates import Candidate, Variant
+from highside.diagnosis.core.observed import (
+    ObservationModel,
+    Observed,
+    RowNoise,
+    Weighted,
+    Whitening,
+    energy,
+    from_normal_equations,
+    least_squares,
+    works_by_runs,
+)
 from highside.diagnosis.core.policy import FITS, INTERVALS
 from highside.diagnosis.core.probability import student_quantile
 from highside.diagnosis.core.result import FittedParameter
-from highside.physics.effect import Effect
 from highside.physics.forward import ForwardModel
-from highside.physics.state import ChainState
-
-
-class Whitening(Protocol):
-    """A noise, as a fit sees it."""
-
-    def white(self, columns: Array) -> Array:
-        """(..., C, n) readings -> (..., C n) in units of the noise."""
-        ...
-
-
-class ObservationModel(Protocol):
-    """Readings, as a fit sees them: how they differ from a model's, and what would change that."""
-
-    @property
-    def gyros(self) -> bool: ...
-    @property
-    def channels(self) -> int: ...
-    def residual(self, model: ForwardModel) -> Array: ...
-    def jacobian(self, model: ForwardModel, names: Sequence[str]) -> Array: ...
-    def columns(self, model: ForwardModel, effect: Effect, shape: dict[str, float]) -> Array: ...
-    def step(self, columns: Array, residual: Array, names: Sequence[str]) -> Array: ...
-
-
-@runtime_checkable
-class RowNoise(Whitening, Protocol):
-    """A noise that whitens run by run."""
-
-    @property
-    def lead(self) -> int:
-        """Rows before a run that its whitening needs."""
-        ...
-
-    def whiten(self, channel: int, functions: Array, part: slice) -> Array:
-        """Functions (m, lead + n) of a channel, whitened for the n rows of `part`."""
-        ...
-
-
-@dataclass(frozen=True)
-class _Weighted:
-    """Readings of each channel times a weight (C, 1)."""
-
-    weight: Array
-    lead: int = 0
-
-    def white(self, columns: Array) -> Array:
-        return np.asarray((columns * self.weight).reshape(*columns.shape[:-2], -1))
-
-    def whiten(self, channel: int, functions: Array, part: slice) -> Array:
-        return np.asarray(functions * self.weight[channel])
-
-
-@dataclass(frozen=True)
-class Observed:
-    """Readings (C, n) at n states: accelerometers in g and, below them, gyros in rad/s if there are any.
-
-    Many rows are evaluated `by_parts`, run by run: what stands between the stages of the chain is thirty times them.
-    """
-
-    state: ChainState
-    readings: Array
-    by_parts: bool = False
-
-    @property
-    def gyros(self) -> bool:
-        """Whether rates are among the readings."""
-        return bool(self.readings.shape[0] > 3)
-
-    @property
-    def channels(self) -> int:
-        """Number of channels."""
-        return int(self.readings.shape[0])
-
-    def residual(self, model: ForwardModel) -> Array:
-        """(C, n) readings minus prediction."""
-        if _apart(self, model):
-            left = np.empty(self.readings.shape)
-            parts = chunks_of(self.state.n)
-            for part, own in zip(parts, in_order(lambda part: self.run(part).residual(model), parts), strict=True):
-                left[:, part] = own[:, 1:]
-            return left
-        predicted = model.predict(self.state)
-        if self.gyros:
-            predicted = np.concatenate([predicted, model.gyro(self.state)])
-        return np.asarray(self.readings - predicted, dtype=float)
-
-    def jacobian(self, model: ForwardModel, names: Sequence[str]) -> Array:
-        """(P, C, n) derivatives by the free parameters."""
-        if not names:
-            return np.empty((0, *self.readings.shape))
-        found = model.jacobian(self.state, names)
-        if self.gyros:
-            found = np.concatenate([found, model.gyro_jacobian(self.state, names)], axis=1)
-        return np.asarray(found, dtype=float)
-
-    def columns(self, model: ForwardModel, effect: Effect, shape: dict[str, float]) -> Array:
-        """(k, C, n) by the amplitudes of an effect."""
-        return columns_of(model, self.state, effect, shape, gyros=self.gyros)
-
-    def step(self, columns: Array, residual: Array, names: Sequence[str]) -> Array:
-        """(P,) least-squares step of the named parameters, from whitened columns (P, N) and residual (N,)."""
-        return _solve(columns, residual)
-
-    def run(self, part: slice) -> Observed:
-        """A run of rows; the first of all stands before it, as effects reckon time from that."""
-        rows = np.concatenate([[0], np.arange(part.start, part.stop)])
-        return Observed(self.state.rows(rows), self.readings[:, rows])
-
-    def inner(self, at: ForwardModel, columns: Callable[[ObservationModel], Array], noise: RowNoise) -> Array:
-        """(P + 1, P + 1) of whitened columns and, last, the residual, from run to run of rows."""
-
-        def of(part: slice) -> Array:
-            run = self.run(slice(max(0, part.start - noise.lead), part.stop))
-            both = np.concatenate([columns(run), run.residual(at)[None]])[:, :, 1:]
-            white = [noise.whiten(c, both[:, c], part) for c in range(self.channels)]
-            return np.asarray(sum((w @ w.T for w in white), np.zeros((len(both), len(both)))))
-
-        return np.asarray(sum(in_order(of, chunks_of(self.state.n))))
+from highside.scratch_arrays import stored
 
 
 def base_fit(
@@ -151,35 +43,15 @@ def base_fit(
     if not free:
         return model, observed.residual(model)
     # rates and accelerations have units of their own: each kind counts by the size of what it cannot explain
-    noise = _Weighted(np.ones((observed.channels, 1)))
+    noise = Weighted(np.ones((observed.channels, 1)))
     for turn in range(steps):
         step, _ = _step(observed, noise, model, partial(_columns, model, free=free, chosen=()), model.free_names(free))
         model = model.set_free(model.get_free(free) + step, free)
         if observed.gyros and turn == 0:
-            noise = _Weighted(1 / np.maximum(observed.residual(model).std(axis=1, keepdims=True), 1e-12))
+            noise = Weighted(1 / np.maximum(observed.residual(model).std(axis=1, keepdims=True), 1e-12))
         elif np.max(np.abs(step), initial=0.0) < 1e-12:
             break
     return model, observed.residual(model)
-
-
-def _solve(columns: Array, residual: Array) -> Array:
-    """Least squares; of a long recording the normal equations, of few readings the columns themselves."""
-    norm = np.linalg.norm(columns, axis=1)
-    # what a design does not move at all (a load that is zero but for rounding) is not fitted
-    norm = np.where(norm > FITS.unmoved * norm.max(initial=0.0), norm, np.inf)
-    scaled = columns / norm[:, None]
-    if columns.shape[1] > FITS.many:
-        return np.asarray(
-            np.linalg.pinv(scaled @ scaled.T, rcond=FITS.rank, hermitian=True) @ (scaled @ residual) / norm
-        )
-    return np.asarray(np.linalg.lstsq(scaled.T, residual, rcond=FITS.rank)[0] / norm)
-
-
-def _apart(observed: ObservationModel, at: ForwardModel) -> bool:
-    """Whether runs of rows can be worked on each for itself."""
-    return (
-        isinstance(observed, Observed) and observed.by_parts and not any(at.effect(name).remembers for name in at.ids)
-    )
 
 
 def _step(
@@ -190,14 +62,10 @@ def _step(
     names: Sequence[str],
 ) -> tuple[Array, Array]:
     """(P,) least-squares step of the named parameters, and (P, P) the inner products of their whitened columns."""
-    if _apart(observed, at):
+    if works_by_runs(observed, at):
         assert isinstance(observed, Observed) and isinstance(noise, RowNoise)
         inner = observed.inner(at, columns, noise)
-        norm = np.sqrt(np.diag(inner)[:-1])
-        norm = np.where(norm > FITS.unmoved * norm.max(initial=0.0), norm, np.inf)
-        scaled = inner[:-1, :-1] / np.outer(norm, norm)
-        step = np.linalg.pinv(scaled, rcond=FITS.rank, hermitian=True) @ (inner[:-1, -1] / norm) / norm
-        return np.asarray(step), inner[:-1, :-1]
+        return from_normal_equations(inner[:-1, :-1], inner[:-1, -1]), inner[:-1, :-1]
     white = noise.white(columns(observed))
     return observed.step(white, noise.white(observed.residual(at)), names), np.asarray(white @ white.T)
 
@@ -217,6 +85,8 @@ class JointFit:
     """base and claims at their fitted sizes"""
     beyond: float = 0.0
     """chi-square of `second_order` outside of what base and claims do to first order"""
+    amounts: Mapping[str, tuple[tuple[int, float], ...]] = field(default_factory=dict)
+    """of each claim the columns of a design, by number, and how much of each was fitted; of rows beside a prediction"""
 
 
 Chosen = Sequence[tuple[Candidate, Variant]]
@@ -276,12 +146,10 @@ def second_order_of(
     def of(subset: ObservationModel) -> Array:
         return _beyond(subset.residual(first) - subset.residual(fitted), moved, _columns(first, subset, free, chosen))
 
-    if not _apart(observed, fitted):
+    if not works_by_runs(observed, fitted):
         return of(observed)
     assert isinstance(observed, Observed)
-    return np.concatenate(
-        list(in_order(lambda part: of(observed.run(part))[:, 1:], chunks_of(observed.state.n))), axis=1
-    )
+    return stored(observed.readings, observed.readings.shape, observed.of_runs(fitted, lambda _, run: of(run)[:, 1:]))
 
 
 def joint_fit(
@@ -327,19 +195,53 @@ def joint_fit(
             break
     fitted, implausible = _intervals(now, chosen, [*every, *shape_names], precision, freedom)
     left = observed.residual(now)
-    chi_square = float(np.sum(noise.white(left) ** 2))
+    chi_square = energy(noise, left)
     second_order, beyond = None, 0.0
     if with_second_order:
         sizes = [*now.free_names(names or []), *amplitude_names]
-        first_order, before = _columns(first, observed, names, chosen), observed.residual(first)
-        white, unfitted = noise.white(first_order), noise.white(before)
-        linear = float(np.sum((unfitted - observed.step(white, unfitted, sizes) @ white) ** 2))
-        second_order = _beyond(before - left, now.get_free(sizes) - first.get_free(sizes), first_order)
-        rest = noise.white(second_order)
-        beyond = float(np.sum((rest - _solve(white, rest) @ white) ** 2))
+        makes = partial(_columns, first, free=names, chosen=chosen)
+        if isinstance(observed, Observed) and observed.long:
+            second_order, beyond, linear = _by_runs(observed, noise, first, now, sizes, makes)
+        else:
+            first_order, before = makes(observed), observed.residual(first)
+            white, unfitted = noise.white(first_order), noise.white(before)
+            linear = float(np.sum((unfitted - observed.step(white, unfitted, sizes) @ white) ** 2))
+            second_order = _beyond(before - left, now.get_free(sizes) - first.get_free(sizes), first_order)
+            rest = noise.white(second_order)
+            beyond = float(np.sum((rest - least_squares(white, rest) @ white) ** 2))
         if beyond < FITS.second_order or linear - chi_square <= -FITS.second_order:
             second_order = None
     return JointFit(fitted, left, implausible, second_order, chi_square, now, beyond)
+
+
+def _by_runs(
+    observed: Observed,
+    noise: Whitening,
+    first: ForwardModel,
+    now: ForwardModel,
+    sizes: Sequence[str],
+    makes: Callable[[ObservationModel], Array],
+) -> tuple[Array, float, float]:
+    """Of rows that are not in the memory (C, n) what is done beyond first order, its chi-square outside of what is done
+    to first order, and the chi-square that a fit to first order leaves."""
+    assert isinstance(noise, RowNoise)
+    moved = now.get_free(sizes) - first.get_free(sizes)
+
+    def rows(run: ObservationModel) -> Array:
+        columns, before = makes(run), run.residual(first)
+        return np.concatenate([columns, before[None], _beyond(before - run.residual(now), moved, columns)[None]])
+
+    inner = observed.inner(now, rows, noise)
+    count = len(sizes)
+    gram, before, beyond = inner[:count, :count], inner[:count, count], inner[:count, count + 1]
+    left = [
+        float(inner[k, k] - moment @ from_normal_equations(gram, moment))
+        for k, moment in ((count, before), (count + 1, beyond))
+    ]
+    second_order = stored(
+        observed.readings, observed.readings.shape, observed.of_runs(now, lambda _, run: rows(run)[-1][:, 1:])
+    )
+    return second_order, max(left[1], 0.0), left[0]
 
 
 class _Precision(NamedTuple):

@@ -149,7 +149,9 @@ class Likelihoods:
         norm = np.sum(tested**2, axis=2)
         gained = np.einsum("sfn,sn->sf", tested, left) ** 2 / np.where(norm > 1e-12, norm, np.inf)
         gained = np.concatenate([np.zeros_like(energy), gained], axis=1) if include_none else gained
-        return np.asarray(freedom * np.log(np.maximum(energy - gained, 1e-30) / freedom) + self._logdet[:, None])
+        return np.asarray(
+            freedom * np.log(np.maximum(energy - gained, 1e-30) / max(freedom, 1)) + self._logdet[:, None]
+        )
 
     def with_block(self, columns: Array, block: Array) -> Array:
         """-2 log likelihood (settings,) with columns (K, n) projected off and a block of columns (B, n) fitted."""
@@ -159,7 +161,7 @@ class Likelihoods:
         if turned.shape[1]:
             q, _ = np.linalg.qr(turned.transpose(0, 2, 1))
             left = left - np.einsum("snk,sk->sn", q, np.einsum("snk,sn->sk", q, left))
-        return np.asarray(freedom * np.log(np.sum(left**2, axis=1) / freedom) + self._logdet)
+        return np.asarray(freedom * np.log(np.sum(left**2, axis=1) / max(freedom, 1)) + self._logdet)
 
     def memory(self, columns: Array) -> Memory:
         """The memory that the data require with columns (K, n) projected off."""

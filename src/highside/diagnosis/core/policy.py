@@ -1,8 +1,8 @@
 """The numbers that decide, of what all kinds of recordings share.
 
-Each stands with its unit, what it means, and the reference or the run that set it. *Chosen* names the commit in which
-a value was put there by judgement: no run that varied it is on record. Whoever moves one puts the engine to the sealed
-cases again (studies/sealed/score.py).
+Each stands with its unit, what it means, and the reference or the run that set it. *Chosen* names the commit in which a
+value was put there by judgement, before any run; *studies.thresholds* (python -m) the range of such a value in which no
+answer of its recordings changes. Whoever moves one puts the engine to the sealed cases again (studies/sealed/score.py).
 """
 
 from __future__ import annotations
@@ -18,11 +18,21 @@ class RegressionPolicy:
     """Whether directions and probabilities are there at all."""
 
     visible: float = 0.005
-    """Share of a direction's length that must stand out of the base fit: second-order terms reach less. Chosen in
-    21ed34d; no run is recorded."""
+    """Share of a direction's length that must stand out of the base fit: second-order terms reach less. Source:
+    studies.thresholds, 0.0025 to 0.01."""
     independent: float = 1e-6
-    """Share of the largest singular value from which a direction is independent of the others. Chosen in 21ed34d; no
-    run is recorded."""
+    """Share of the largest singular value from which a direction is independent of the others. Source:
+    studies.thresholds, 5e-07 to 2e-06."""
+
+    rarest: float = 1e-300
+    """The smallest probability that is written; -log10 p itself has no limit. Source: the range of doubles."""
+    by_logarithm: float = 1e-280
+    """Probabilities below this are found by their logarithms. Source: the range of doubles, less what the laws of
+    `scipy.special` lose before they are 0."""
+    settled: float = 1e-12
+    """Relative change of a continued fraction below which it has settled. Source: rounding of doubles."""
+    terms: int = 10_000
+    """Terms of it, at most. Source: it takes some multiple of the root of half the degrees of freedom, 3,000 of 2e7."""
 
 
 REGRESSION = RegressionPolicy()
@@ -33,18 +43,18 @@ class CandidatesPolicy:
     """What is tried of an effect's shapes."""
 
     shortest: float = 0.03
-    """Share of a recording: a shorter time constant is over before anything else happens. Chosen in 207dc25; no run is
-    recorded."""
+    """Share of a recording: a shorter time constant is over before anything else happens. Source: studies.thresholds,
+    0.015 to 0.06."""
     least_at_station: int = 6
     """Poses of an inclination station, on average, for single inclination stations to be looked at: one that is off
-    looks like serially correlated noise. Chosen in 541f29c; no run is recorded."""
+    looks like serially correlated noise. Source: studies.thresholds, 3 to 12."""
     from_the_ends: int = 4
-    """Poses at each end beside which no step is tried. Chosen in 21ed34d; no run is recorded."""
+    """Poses at each end beside which no step is tried. Source: studies.thresholds, 2 to 8."""
     inclination_stations: int = 4
-    """A single inclination station is looked at where there are more inclination stations than this. Chosen in 541f29c;
-    no run is recorded."""
+    """A single inclination station is looked at where there are more inclination stations than this. Source:
+    studies.thresholds, 2 to 8."""
     warm_span_c: float = 0.5
-    """degC; a temperature that changes by less says nothing. Chosen in 21ed34d; no run is recorded."""
+    """degC; a temperature that changes by less says nothing. Source: studies.thresholds, 0.25 to 1."""
 
 
 CANDIDATES = CandidatesPolicy()
@@ -55,19 +65,19 @@ class CausesPolicy:
     """What a claim follows."""
 
     fine: int = 400
-    """Cells of a covariate, where every setting is not one: what an effect adds has no noise. Chosen in 541f29c; no run
-    is recorded."""
+    """Cells of a covariate, where every setting is not one: what an effect adds has no noise. Source:
+    studies.thresholds, 200 to 800."""
     cells_to_agree: int = 200
     """Cells in which equal values of a covariate are compared. Chosen in af2f195; no run is recorded."""
     follows: float = 0.02
-    """Share of its variance that may be left within equal values of the covariate it follows. Chosen in dffbac0; no run
-    is recorded."""
+    """Share of its variance that may be left within equal values of the covariate it follows. Source:
+    studies.thresholds, 0.01 to 0.04."""
     most_rows: int = 20_000
-    """Rows; of a longer recording every so many are used. Chosen in af2f195; no run is recorded."""
+    """Rows; of a longer recording every so many are used. Source: studies.thresholds, 1e+04 to 4e+04."""
     inclined_rad: float = 0.002
     """rad; inclinations that differ by less are one. Chosen in af2f195; no run is recorded."""
     nothing: float = 1e-24
-    """Sum of squares, g^2, of an effect that adds nothing. Chosen in dffbac0; no run is recorded."""
+    """Sum of squares, g^2, of an effect that adds nothing. Source: studies.thresholds, 5e-25 to 2e-24."""
 
 
 CAUSES = CausesPolicy()
@@ -78,7 +88,10 @@ class ChunksPolicy:
     """How long recordings are passed through."""
 
     rows: int = 4096
-    """Rows worked on at a time: they stay near the processor. Chosen in 4048651; no run is recorded."""
+    """Rows worked on at a time: they stay near the processor. Source: studies.thresholds, 2048 to 8192."""
+    threads: int = 2
+    """Runs of rows that are worked on at the same time, unless more are asked for. Source: studies.thresholds, 1 to
+    4."""
 
 
 CHUNKS = ChunksPolicy()
@@ -93,17 +106,17 @@ class ConclusionPolicy:
     207dc25; no run is recorded."""
     manifest: float = 1000.0
     """Chi-square of an effect beside all others from which, if nothing is left, it is no part of a mere fit: several
-    names for something that has none leave some percent of it, which would then be detected. Chosen in ea46e09; no run
-    is recorded."""
+    names for something that has none leave some percent of it, which would then be detected. Source:
+    studies.thresholds, 500 to 2000."""
     station_margin: float = 2.0
     """BIC; as `ProblemPolicy.interaction_margin`, for a single inclination station: its place was searched, and a name
-    that is reported beats a random walk besides. Chosen in fa5f78d; no run is recorded."""
+    that is reported beats a random walk besides. Source: studies.thresholds, 1 to 4."""
     own: float = 5e-3
-    """Share of the largest singular value from which a term's direction is its own beside the others. Chosen in
-    21ed34d; no run is recorded."""
+    """Share of the largest singular value from which a term's direction is its own beside the others. Source:
+    studies.thresholds, 0.0025 to 0.01."""
     ruled_out: int = 3
-    """Rivals that are reported to be ruled out, beside those that are often taken for the effect. Chosen in 21ed34d; no
-    run is recorded."""
+    """Rivals that are reported to be ruled out, beside those that are often taken for the effect. Source:
+    studies.thresholds, 1 to 6."""
 
 
 CONCLUSION = ConclusionPolicy()
@@ -133,33 +146,33 @@ class FitsPolicy:
     """Fits of the full model."""
 
     rich_share: float = 0.5
-    """Of all readings, how many directions at most the rich model may take. Chosen in 21ed34d; no run is recorded."""
+    """Of all readings, how many directions at most the rich model may take. Source: studies.thresholds, 0.25 to 1."""
     rich_shapes: int = 5
-    """Shapes of an effect that the rich model takes. Chosen in 1d73a30; no run is recorded."""
+    """Shapes of an effect that the rich model takes. Source: studies.thresholds, 2 to 10."""
     rich_left: float = 0.05
-    """Share of a reading that the rich model leaves, at least, when its loss is given back. Chosen in 21ed34d; no run
-    is recorded."""
+    """Share of a reading that the rich model leaves, at least, when its loss is given back. Source: studies.thresholds,
+    0.025 to 0.1."""
     steps: int = 4
-    """Gauss-Newton steps of a joint fit, at most. Chosen in 21ed34d; no run is recorded."""
+    """Gauss-Newton steps of a joint fit, at most. Source: studies.thresholds, 2 to 8."""
     undetermined: float = 1e-8
     """Share of the best determined direction from which a direction in the space of the parameters is determined at
-    all. Chosen in 6be9111; no run is recorded."""
+    all. Source: studies.thresholds, 5e-09 to 2e-08."""
     many: int = 3000
-    """Readings from which normal equations are formed. Chosen in 304904b; no run is recorded."""
+    """Readings from which normal equations are formed. Source: studies.thresholds, 1500 to 6000."""
     settled: float = 1e-6
-    """Chi-square of a step that is the last. Chosen in 452637c; no run is recorded."""
+    """Chi-square of a step that is the last. Source: studies.thresholds, 5e-07 to 2e-06."""
     second_order: float = 6.0
-    """Chi-square of what effects do beyond first order, from which it is no rounding. Chosen in ea46e09; no run is
-    recorded."""
+    """Chi-square of what effects do beyond first order, from which it is no rounding. Source: studies.thresholds, 3 to
+    12."""
     unmoved: float = 1e-12
-    """Length of a column beside the longest, below which it is rounding. Chosen in 88fce7b; no run is recorded."""
+    """Length of a column beside the longest, below which it is rounding. Source: studies.thresholds, 5e-13 to 2e-12."""
     rank: float = 1e-10
-    """Share of the largest singular value below which one is rounding. Chosen in 304904b; no run is recorded."""
+    """Share of the largest singular value below which one is rounding. Source: studies.thresholds, 5e-11 to 2e-10."""
     stride: float = 1.33
-    """Factor by which a time constant moves in one step, at most. Chosen in 21ed34d; no run is recorded."""
+    """Factor by which a time constant moves in one step, at most. Source: studies.thresholds, 1.33 to 2.66."""
     partly_undetermined: float = 1e-6
     """Share of a parameter's direction that lies in what is not determined, from which it is given by its plausible
-    range. Chosen in 6be9111; no run is recorded."""
+    range. Source: studies.thresholds, 5e-07 to 2e-06."""
 
 
 FITS = FitsPolicy()
@@ -191,12 +204,12 @@ class HeldOutPolicy:
     """Prediction of what was left out."""
 
     transient: float = 0.1
-    """Share of a term's energy outside of a block, below which the other blocks say nothing of it. Chosen in f202a8b;
-    no run is recorded."""
+    """Share of a term's energy outside of a block, below which the other blocks say nothing of it. Source:
+    studies.thresholds, 0.05 to 0.2."""
     folds: int = 10
-    """Blocks of poses, each predicted from the others. Chosen in f202a8b; no run is recorded."""
+    """Blocks of poses, each predicted from the others. Source: studies.thresholds, 5 to 20."""
     poses_a_fold: int = 3
-    """Poses of a block, at least. Chosen in f202a8b; no run is recorded."""
+    """Poses of a block, at least. Source: studies.thresholds, 1 to 6."""
 
 
 HELD_OUT = HeldOutPolicy()
@@ -207,26 +220,26 @@ class PlacesPolicy:
     """Where a mismatch sits."""
 
     harmonics: int = 8
-    """Highest order of the toolface that is scanned. Chosen in 21ed34d; no run is recorded."""
+    """Highest order of the toolface that is scanned. Source: studies.thresholds, 4 to 16."""
     time_cells: int = 40
-    """Cells of time in which a range is sought. Chosen in 541f29c; no run is recorded."""
+    """Cells of time in which a range is sought. Source: studies.thresholds, 20 to 80."""
     inclination_orders: int = 4
-    """Orders of the inclination that are scanned end below this. Chosen in 21ed34d; no run is recorded."""
+    """Orders of the inclination that are scanned end below this. Source: studies.thresholds, 2 to 8."""
     product_orders: int = 4
-    """Orders of the toolface that are scanned in products. Chosen in 63c0b1b; no run is recorded."""
+    """Orders of the toolface that are scanned in products. Source: studies.thresholds, 2 to 8."""
     warm_span_c: float = 0.5
-    """degC; a temperature that changes by less says nothing. Chosen in 21ed34d; no run is recorded."""
+    """degC; a temperature that changes by less says nothing. Source: studies.thresholds, 0.25 to 1."""
     time_orders: int = 7
-    """Waves of time that are scanned end below this. Chosen in 21ed34d; no run is recorded."""
+    """Waves of time that are scanned end below this. Source: studies.thresholds, 3 to 14."""
     poses_a_wave: int = 6
-    """Poses for each wave of time that is scanned. Chosen in 21ed34d; no run is recorded."""
+    """Poses for each wave of time that is scanned. Source: studies.thresholds, 3 to 12."""
     channel_share: float = 0.1
-    """Share of the strongest channel's energy from which a channel is reported. Chosen in 304904b; no run is
-    recorded."""
+    """Share of the strongest channel's energy from which a channel is reported. Source: studies.thresholds, 0.05 to
+    0.2."""
     explained: float = 0.9
-    """Share of what the best covariate explains that a simpler one must. Chosen in 21ed34d; no run is recorded."""
+    """Share of what the best covariate explains that a simpler one must. Source: studies.thresholds, 0.45 to 0.95."""
     ranged: float = 0.25
-    """Share of the largest mean energy above which a range is reported. Chosen in 541f29c; no run is recorded."""
+    """Share of the largest mean energy above which a range is reported. Source: studies.thresholds, 0.125 to 0.5."""
 
 
 PLACES = PlacesPolicy()
@@ -240,14 +253,14 @@ class MemoryPolicy:
     """-2 log likelihood of a channel, gain from which memory is believed. Chosen in 1d73a30 after looking at the
     prototype's scored runs; no run that varied it is recorded."""
     in_use: float = 8.0
-    """-2 log likelihood of a channel, gain from which judging uses memory. Chosen in 1d73a30; no run is recorded."""
+    """-2 log likelihood of a channel, gain from which judging uses memory. Source: studies.thresholds, 4 to 16."""
     slow_log_p: float = 2.8
     """-log10 p that a slow effect must reach beside a random walk. Source: parametric bootstrap of random walks, 7
     rates with 400 draws each on two channel patterns: the least favourable rate passes in 4.2 % [2.7, 6.7]; 2.5 would
     pass 7.5 %."""
     near_log_p: float = 1.0
-    """-log10 p beside a random walk from which a slow effect resembles what was observed. Chosen in bdd5f4b; no run is
-    recorded."""
+    """-log10 p beside a random walk from which a slow effect resembles what was observed. Source: studies.thresholds,
+    0.5 to 2."""
     remaining: float = 15.0
     """-2 log likelihood; a slow effect beside which more evidence of memory than this remains is not the whole story.
     Source: the bootstrap of `slow_log_p`. 6 was tried on strong effects: 17 of 30 steps and 23 of 30 warm-ups were
@@ -264,10 +277,10 @@ class MemoryPolicy:
     """By memory length, variances in units of the white variance of a pose (of a step, for the random walk). Chosen in
     1d73a30; no run is recorded."""
     seeds: int = 4
-    """Slow effects with each of which a second one is tried. Chosen in f202a8b; no run is recorded."""
+    """Slow effects with each of which a second one is tried. Source: studies.thresholds, 2 to 8."""
     pair_log_p: float = 0.7
     """-log10 p; so much more is required of each of two: there are as many more ways for a random walk to look like
-    them. Chosen in aa948f6; no run is recorded."""
+    them. Source: studies.thresholds, 0.35 to 0.85."""
     pair_score: float = 12.0
     """-2 log likelihood; two slow effects stand in place of one that is enough by itself where they gain so much more.
     Chosen in f202a8b; no run is recorded."""
@@ -289,10 +302,10 @@ class CandidateSetPolicy:
     """Share of sessions without a mismatch in which the family may raise an alarm. Source: the goal that
     docs/evidence.md states; studies/sealed/score.py measures what is reached."""
     flips: int = 300
-    """Sets of block signs that are drawn. Chosen in 21ed34d; no run is recorded."""
+    """Sets of block signs that are drawn. Source: studies.thresholds, 150 to 600."""
     block_poses: int = 6
-    """Poses whose signs are flipped together: noise may be serially correlated over fewer. Chosen in 21ed34d; no run is
-    recorded."""
+    """Poses whose signs are flipped together: noise may be serially correlated over fewer. Source: studies.thresholds,
+    3 to 12."""
     half: float = 2 * np.log(2)
     """Chi-square: gain of an amplitude of known sign, half of what one of either sign might have been has been ruled
     out. Source: 2 log 2, Bayes' rule."""
@@ -316,20 +329,20 @@ class RivalsPolicy:
     """Chi-square that a claim must keep outside of a rival: what one amplitude needs to show with 80 % probability.
     Source: `evidence_80` at p = 0.01 gives 11.5."""
     rival_log_p: float = 1.5
-    """-log10 p from which something is a rival at all. Chosen in 1d73a30; no run is recorded."""
+    """-log10 p from which something is a rival at all. Source: studies.thresholds, 0.75 to 3."""
     beyond_reason: float = 100.0
-    """Plausible sizes; an effect that must be larger is as good as absorbed. Chosen in b509136; no run is recorded."""
+    """Plausible sizes; an effect that must be larger is as good as absorbed. Source: studies.thresholds, 50 to 200."""
     power_80: float = 0.8416
     """Standard normal quantile of 80 %. Source: a definition."""
     most_log_p: float = 12.0
-    """-log10 p beyond which the F law's quantile is not computed in double precision. Chosen in 21ed34d; no run is
-    recorded."""
+    """-log10 p beyond which the F law's quantile is not computed in double precision. Source: studies.thresholds, 6 to
+    24."""
     next_poses: int = 6
-    """Poses that are advised. Chosen in 21ed34d; no run is recorded."""
+    """Poses that are advised. Source: studies.thresholds, 3 to 12."""
     inclinations_deg: int = 15
-    """deg; step of the inclinations among which poses are advised. Chosen in 21ed34d; no run is recorded."""
+    """deg; step of the inclinations among which poses are advised. Source: studies.thresholds, 7 to 30."""
     toolfaces_deg: float = 22.5
-    """deg; step of the toolfaces among which poses are advised. Chosen in 21ed34d; no run is recorded."""
+    """deg; step of the toolfaces among which poses are advised. Source: studies.thresholds, 11.25 to 45."""
 
 
 RIVALS = RivalsPolicy()
@@ -340,24 +353,24 @@ class SelectionPolicy:
     """How many and which candidates are chosen."""
 
     most: int = 4
-    """Claims, at most. Chosen in 21ed34d; no run is recorded."""
+    """Claims, at most. Source: studies.thresholds, 2 to 8."""
     rounding: float = 1e-6
     """Chi-square; gains that differ by less are equal: of these that which stands first in the library is chosen.
-    Chosen in 643aba2; no run is recorded."""
+    Source: studies.thresholds, 5e-07 to 2e-06."""
     merge_bic: float = 6.0
-    """BIC; one name instead of two where it costs less than this. Chosen in ff945ac; no run is recorded."""
+    """BIC; one name instead of two where it costs less than this. Source: studies.thresholds, 3 to 12."""
     starts: int = 4
-    """Candidates from each of which choosing begins. Chosen in f202a8b; no run is recorded."""
+    """Candidates from each of which choosing begins. Source: studies.thresholds, 2 to 8."""
     promising: float = 0.3
-    """Share of the first choice's gain of BIC from which choosing is begun from another candidate as well. Chosen in
-    9a67319; no run is recorded."""
+    """Share of the first choice's gain of BIC from which choosing is begun from another candidate as well. Source:
+    studies.thresholds, 0.15 to 0.6."""
     held: float = 0.01
-    """Share of an effect's energy outside of another, below which it is a case of that other. Chosen in 36be2bd; no run
-    is recorded."""
+    """Share of an effect's energy outside of another, below which it is a case of that other. Source:
+    studies.thresholds, 0.005 to 0.02."""
     shortlist: int = 4
-    """Candidates whose held-out gain is compared in one step. Chosen in 21ed34d; no run is recorded."""
+    """Candidates whose held-out gain is compared in one step. Source: studies.thresholds, 2 to 8."""
     swaps: int = 8
-    """Rounds of swaps and drops, at most. Chosen in 21ed34d; no run is recorded."""
+    """Rounds of swaps and drops, at most. Source: studies.thresholds, 4 to 16."""
 
 
 SELECTION = SelectionPolicy()
@@ -368,7 +381,7 @@ class SupportPolicy:
     """The shortest range that explains a mismatch."""
 
     settings: int = 48
-    """A covariate with at most so many values is stepped: each is a cell. Chosen in 541f29c; no run is recorded."""
+    """A covariate with at most so many values is stepped: each is a cell. Source: studies.thresholds, 24 to 96."""
     cells: int = 24
     """Cells of a covariate that is not stepped. Chosen in 541f29c; no run is recorded."""
     windows: int = 3
@@ -386,7 +399,7 @@ class UntestablePolicy:
     """When a manoeuvre is lacking."""
 
     one_inclination_rad: float = 2e-4
-    """rad; inclinations that differ by less are one. Chosen in b509136; no run is recorded."""
+    """rad; inclinations that differ by less are one. Source: studies.thresholds, 0.0001 to 0.0004."""
 
 
 UNTESTABLE = UntestablePolicy()
@@ -421,14 +434,14 @@ class ProcedurePolicy:
     """Slow effects of which the best time constant is looked for beside a random walk. Chosen in 6a24687; no run is
     recorded."""
     relinearisations: int = 2
-    """Times that what is beyond first order is taken out: the second is exact where the first was nearly. Chosen in
-    ea46e09; no run is recorded."""
+    """Times that what is beyond first order is taken out: the second is exact where the first was nearly. Source:
+    studies.thresholds, 1 to 4."""
     doubts: int = 4
-    """Times that what is chosen in place of what a random walk explains as well must pass the same test. Chosen in
-    90ef79c; no run is recorded."""
+    """Times that what is chosen in place of what a random walk explains as well must pass the same test. Source:
+    studies.thresholds, 2 to 8."""
     station_certain: float = 3.0
     """-log10 p; so much more is required of one inclination station than of an effect: nothing but its place speaks for
-    it. Chosen in a5e043f; no run is recorded."""
+    it. Source: studies.thresholds, 1.5 to 6."""
 
 
 PROCEDURE = ProcedurePolicy()

@@ -17,11 +17,12 @@ from highside.arrays import AnyArray, Array
 from highside.diagnosis.core.candidate_set import Term
 from highside.diagnosis.core.candidates import Candidate, Unobservable, Variant
 from highside.diagnosis.core.effect_scores import EffectScores, WhiteLaw
-from highside.diagnosis.core.fit import JointFit, ObservationModel
+from highside.diagnosis.core.fit import JointFit
 from highside.diagnosis.core.floor import Excess
 from highside.diagnosis.core.location import Scan
 from highside.diagnosis.core.memory import Channel, Memory, SlowEffect
 from highside.diagnosis.core.method import WHOLE, ProcedureParts
+from highside.diagnosis.core.observed import ObservationModel
 from highside.diagnosis.core.problem_policy import ProblemPolicy
 from highside.diagnosis.core.repeatability import Remaining
 from highside.diagnosis.core.result import DiagnosisResult, Fit, Location

@@ -23,7 +23,7 @@ class SlowLimits:
     quiet_log_p: float = MEMORY.slow_log_p
     """-log10 p that is required where hardly any memory remains. Source: that of `MemoryPolicy.slow_log_p`."""
     quiet: float = 6.0
-    """-2 log likelihood; evidence of memory that is hardly any. Chosen in f202a8b; no run is recorded."""
+    """-2 log likelihood; evidence of memory that is hardly any. Source: studies.thresholds, 3 to 12."""
     straight: float | None = None
     """-log10 p required of what is a straight line in time, which a random walk imitates more easily than others.
     Chosen in f202a8b; no run is recorded."""
@@ -34,8 +34,8 @@ class SlowLimits:
     """Whether two may pass together where neither passes alone. Chosen in f202a8b; no run is recorded."""
     over_random_walk: float | None = None
     """-2 log likelihood; in place of -log10 p, twice the logarithm of the likelihood ratio that is required of the
-    effect without any random walk over a random walk without the effect: either has to explain all that was
-    observed. Chosen in a008d73; no run is recorded."""
+    effect without any random walk over a random walk without the effect: either has to explain all that was observed.
+    Source: studies.thresholds, 6.25 to 25."""
 
     def passes(self, effect: str, log_p: float, remaining: float, evidence: float, score: float) -> bool:
         """Whether an effect of -log10 p and score, that leaves so much of the evidence of memory, is believed."""
@@ -63,8 +63,8 @@ class ProblemPolicy:
     """BIC; a name is not given where something without a name comes nearer to it than this. Chosen in 21ed34d with the
     prototype, whose scored runs used it; no run that varied it is recorded."""
     most_named: int = SELECTION.most
-    """More effects than this are a fit and no finding: their names are given only if all but one are manifest. Chosen
-    in 21ed34d; no run is recorded."""
+    """More effects than this are a fit and no finding: their names are given only if all but one are manifest. Source:
+    studies.thresholds, 2 to 8."""
     certain: float = MEMORY.slow_log_p
     """-log10 p from which an effect beats a noise with memory. Source: that of `MemoryPolicy.slow_log_p`."""
     products_beside_memory: bool = False

@@ -6,6 +6,7 @@ Vectors are rows here: a set of P columns over N readings is (P, N), whitened (u
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -14,6 +15,11 @@ from numpy.typing import NDArray
 
 from highside.arrays import Array
 from highside.diagnosis.core.policy import REGRESSION
+
+
+def flattened(columns: Array) -> Array:
+    """(P, C n) of columns (P, C, n), of which there may be none: what is free may be nothing."""
+    return columns.reshape(len(columns), math.prod(columns.shape[1:]))
 
 
 def span(columns: Array, tolerance: float = REGRESSION.independent) -> Array:
@@ -80,16 +86,29 @@ def log10_p(gain: Array, dof: Array | NDArray[np.intp], freedom: Array | float, 
     """-log10 of the F test's p-value for a gain of chi-square with `dof` directions against unit noise.
 
     The noise is known to `freedom` degrees of freedom, which may be infinite (chi squared); `tries` shapes were
-    searched (Sidak).
+    searched (Sidak). There is no largest one: of two effects that are certain the better one is still known.
     """
     from scipy.special import chdtrc, fdtrc
+
+    from highside.diagnosis.core.probability import log10_f_beyond
 
     k, above = np.maximum(dof, 1), np.maximum(gain, 0.0)
     known = np.isinf(freedom)
     p = np.where(known, chdtrc(k, above), fdtrc(k, np.where(known, 1.0, freedom), above / k))
     p = np.where(dof > 0, p, 1.0)
+    rare = p < REGRESSION.by_logarithm
     p = -np.expm1(np.asarray(tries) * np.log1p(-np.minimum(p, 1 - 1e-12)))
-    return np.asarray(-np.log10(np.maximum(p, 1e-300)), dtype=float)
+    found = np.asarray(-np.log10(np.maximum(p, REGRESSION.by_logarithm)), dtype=float)
+    if np.any(rare):
+        one, of, known, searched = (a[rare] for a in np.broadcast_arrays(above, k, freedom, tries, rare)[:4])
+        found = np.broadcast_to(found, rare.shape).copy()
+        found[rare] = -log10_f_beyond(one, of, known) - np.log10(searched)
+    return found
+
+
+def p_of(log_p: float) -> float:
+    """The probability of a -log10 p: not 0, which would say that it cannot be."""
+    return float(max(10.0**-log_p, REGRESSION.rarest))
 
 
 def solved(inner: Array, right: Array) -> Array:

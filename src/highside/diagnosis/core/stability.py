@@ -18,6 +18,7 @@ from highside.arrays import Array
 from highside.diagnosis.core.finding_policy import STABILITY
 from highside.diagnosis.core.policy import REGRESSION
 from highside.diagnosis.core.regression import log10_p, outside, solved, span
+from highside.physics.effects import title_of
 from highside.physics.state import ChainState
 
 Parts = NDArray[np.intp]
@@ -54,15 +55,22 @@ class Stability:
     def doubt_for(self, effect: str) -> str:
         """What is open of a claim that stands: its size changes, or the noise does that."""
         return (
-            f"{effect} may be no constant: {self.words}, or the zero offsets follow a random walk; its size is a mean "
-            "over the session: record another one to see which"
+            f"{title_of(effect)} may be no constant: {self.words}, or the zero offsets follow a random walk; its size "
+            "is a mean over the session: record another one to see which"
         )
 
     def hint_for(self, effect: str) -> str:
         """Why an effect is no name of what is there."""
         if self.instead:
-            return f"{effect} explains less than {self.instead} would if that changes: {self.words}"
-        return f"{effect} is no constant: {self.words}"
+            return (
+                f"{title_of(effect)} explains less than {_lower(title_of(self.instead))} would if that changes: "
+                f"{self.words}"
+            )
+        return f"{title_of(effect)} is not the cause, for it is no constant: {self.words}"
+
+
+def _lower(title: str) -> str:
+    return title[0].lower() + title[1:]
 
 
 def splits_of(state: ChainState) -> Mapping[str, Parts]:
@@ -155,11 +163,11 @@ def stability_of_inner(
 @dataclass(frozen=True)
 class Change:
     """The change of a size over the session that explains most: what claim and change explain beside all that is kept,
-    what the change alone adds, and the size at the beginning and at the end, in units of that without a change."""
+    what the change alone adds, and the size at the beginning, middle and end, in units of that without a change."""
 
     gain: float
     added: float
-    factors: tuple[float, float]
+    factors: tuple[float, float, float]
     courses: int
     """that were tried"""
     excess: float = 1.0
@@ -182,12 +190,12 @@ class Change:
 
     def _as_stability(self, limit: float) -> Stability:
         before = max(self.gain - self.added, 1e-300)
-        words = "beginning and end of the session"
+        words = "the beginning, middle and end of the session"
         return Stability(words, self.log_p, self.added / before, self.factors, limit=limit)
 
 
 def best_change(blocks: Array, kept: Ints, own: Ints) -> Change | None:
-    """The best change of the size of an effect, once or steadily over the session.
+    """The best change of the size of an effect, once, steadily or in a wave over the session.
 
     `blocks` (P, m, m) are inner products over consecutive parts, the residual last; `own` the numbers of the effect's
     columns, `kept` those of all beside it. None where it explains nothing.
@@ -198,20 +206,30 @@ def best_change(blocks: Array, kept: Ints, own: Ints) -> Change | None:
     alone = explained_by(whole, both) - explained_by(whole, kept)
     if alone <= 0.0:
         return None
-    count = len(blocks)
-    courses = [(np.arange(count) >= k).astype(float) for k in range(1, count)] + [np.arange(count) / (count - 1)]
+    courses = _courses(len(blocks))
     across = np.tensordot(blocks[:, own], size, (1, 0))
     square = across[:, own] @ size
-    rows = np.stack(courses) @ across
+    rows = courses @ across
     taken = solved(whole[np.ix_(both, both)], np.column_stack([rows[:, both].T, whole[both, -1]]))
-    bare = np.stack(courses) ** 2 @ square
+    bare = courses**2 @ square
     left = bare - np.sum(rows[:, both] * taken[:, :-1].T, axis=1)
     shows = left > REGRESSION.visible**2 * bare
     amount = np.where(shows, rows[:, -1] - rows[:, both] @ taken[:, -1], 0.0) / np.where(shows, left, 1.0)
     added = amount**2 * left * shows
     best = int(np.argmax(added))
     course = 1.0 + amount[best] * (courses[best] - courses[best].mean())
-    return Change(alone + float(added[best]), float(added[best]), (float(course[0]), float(course[-1])), len(courses))
+    factors = (float(course[0]), float(course[course.size // 2]), float(course[-1]))
+    return Change(alone + float(added[best]), float(added[best]), factors, len(courses))
+
+
+def _courses(count: int) -> Array:
+    """(K, count) how a size may go over so many parts of a session: it steps between two of them, it rises steadily, or
+    follows one wave of any phase."""
+    steps = np.arange(count) >= np.arange(1, count)[:, None]
+    middle = (np.arange(count) + 0.5) / count
+    phases = np.pi * np.arange(STABILITY.wave_phases) / STABILITY.wave_phases
+    waves = np.cos(2 * np.pi * middle - phases[:, None])
+    return np.concatenate([steps.astype(float), (np.arange(count) / (count - 1))[None], waves])
 
 
 def explained_by(inner: Array, which: Ints) -> float:

@@ -18,11 +18,12 @@ from numpy.typing import NDArray
 from highside.arrays import AnyArray, Array
 from highside.diagnosis.core.candidate_set import CandidateSet, Term, pose_flips, threshold
 from highside.diagnosis.core.candidates import CHANNELS, Candidate
-from highside.diagnosis.core.fit import JointFit, ObservationModel, joint_fit
+from highside.diagnosis.core.fit import JointFit, joint_fit
 from highside.diagnosis.core.held_out import HeldOutBlocks, PoseGains, block_proof, pose_folds
 from highside.diagnosis.core.independent_noise import IndependentNoise
 from highside.diagnosis.core.location import Basis, locate, on_channel, scan_of
 from highside.diagnosis.core.memory import Channel, Likelihoods, Memory, SlowEffect
+from highside.diagnosis.core.observed import ObservationModel
 from highside.diagnosis.core.policy import FITS
 from highside.diagnosis.core.problem import HasState, N, Noise, Problem, ReportData, SelectionState
 from highside.diagnosis.core.regression import outside, span

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from highside.arrays import Array
 from highside.diagnosis.core.policy import REGRESSION, SUPPORT
+from highside.long_arrays import by_runs, runs_of
 
 Ints = NDArray[np.intp]
 Interval = tuple[float, float]
@@ -44,10 +45,9 @@ class Cells:
 
 def cells_of(covariate: str, along: Array, *, circular: bool = False, count: int = SUPPORT.cells) -> Cells:
     """Cut a covariate (n,): at its settings where it is stepped, else evenly. A circular one turns at 360."""
-    along = np.asarray(along, dtype=float)
-    values = np.unique(np.round(along, 3))
-    if values.size <= max(SUPPORT.settings, count):
-        of = np.searchsorted(values, np.round(along, 3))
+    values = _settings(along, max(SUPPORT.settings, count))
+    if values is not None:
+        of = by_runs(along, along.shape, lambda part: np.searchsorted(values, np.round(along[part], 3)))
         if circular and values.size > 1:
             before, after = values - np.roll(values, 1), np.roll(values, -1) - values
             before[0], after[-1] = before[0] + 360.0, after[-1] + 360.0
@@ -59,8 +59,21 @@ def cells_of(covariate: str, along: Array, *, circular: bool = False, count: int
         return Cells(covariate, of, tuple(edges), circular)
     first, last = (0.0, 360.0) if circular else (float(along.min()), float(along.max()))
     bounds = np.linspace(first, last, count + 1)
-    of = np.clip(np.searchsorted(bounds, along, side="right") - 1, 0, count - 1)
-    return Cells(covariate, of, tuple(pairwise(bounds.tolist())), circular)
+
+    def cell(part: slice) -> Ints:
+        return np.clip(np.searchsorted(bounds, along[part], side="right") - 1, 0, count - 1)
+
+    return Cells(covariate, by_runs(along, along.shape, cell), tuple(pairwise(bounds.tolist())), circular)
+
+
+def _settings(along: Array, most: int) -> Array | None:
+    """The different values (k,) of a covariate (n,), to three digits behind the point; None where they are more."""
+    found: Array = np.empty(0)
+    for part in runs_of(along.shape[-1]):
+        found = np.union1d(found, np.round(along[part], 3))
+        if found.size > most:
+            return None
+    return found
 
 
 @dataclass(frozen=True)

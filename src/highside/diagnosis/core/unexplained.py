@@ -17,7 +17,7 @@ from highside.diagnosis.core.finding_policy import FLOOR
 from highside.diagnosis.core.floor import Excess
 from highside.diagnosis.core.memory import Memory
 from highside.diagnosis.core.policy import MEMORY
-from highside.diagnosis.core.result import DiagnosisResult
+from highside.diagnosis.core.result import DiagnosisResult, Fit
 
 
 def unexplained(found: Excess | None, memories: Sequence[Memory]) -> Excess | None:
@@ -47,11 +47,29 @@ def with_lattice(diagnosis: DiagnosisResult, steps: Array, left: Array, channels
     return replace(diagnosis, verdict="nothing_left_out", location=(), remainder=remainder)
 
 
+def in_ug(size_g: float) -> str:
+    """A misfit in g, in words."""
+    return f"{1e6 * size_g:.3g} ug"
+
+
+def unimproved(fit: Fit | None) -> Fit | None:
+    """The figures of a fit whose names were withdrawn: nothing improves."""
+    if fit is None:
+        return None
+    return replace(
+        fit,
+        rmse_after=fit.rmse_before,
+        heldout_rmse_after=fit.heldout_rmse_before,
+        heldout_gain_low=None,
+        heldout_gain_high=None,
+    )
+
+
 def words_of(found: Excess, readings: str) -> str:
     """The size of an excess in words."""
     return (
         f"{readings} disagree {found.ratio:.1f} times more than they repeat "
-        f"({1e6 * found.left:.3g} ug against {1e6 * found.floor:.3g} ug)"
+        f"({in_ug(found.left)} against {in_ug(found.floor)})"
     )
 
 

@@ -15,6 +15,7 @@ from highside.arrays import Array
 from highside.diagnosis.core.result import Claim, DiagnosisResult, FittedParameter, Location, Verdict
 from highside.diagnosis.intake.checks import CHANNELS, Intake
 from highside.errors import InputError
+from highside.long_arrays import runs_of
 from highside.physics.effects.clipping import EFFECT as CLIPPING
 
 
@@ -52,7 +53,9 @@ def at_limit(raw: Array, found: Intake) -> NDArray[np.bool_]:
     """(N,) rows with any reading (3, N) at a limit."""
     rows = np.zeros(raw.shape[1], dtype=bool)
     for channel, (_, limit) in found.clipped.items():
-        rows |= np.abs(raw[channel]) >= limit * (1 - 1e-12)
+        values = raw[channel]
+        for part in runs_of(rows.size):
+            rows[part] |= np.abs(values[part]) >= limit * (1 - 1e-12)
     return rows
 
 

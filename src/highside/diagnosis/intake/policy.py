@@ -1,8 +1,9 @@
 """The numbers that decide whether a recording is what it claims to be.
 
-Each stands with its unit, what it means, and the reference or the run that set it. *Chosen* names the commit in which
-a value was put there by judgement: no run that varied it is on record. They are no settings for users: whoever moves
-one puts the engine to the sealed cases again (studies/sealed/score.py).
+Each stands with its unit, what it means, and the reference or the run that set it. *Chosen* names the commit in which a
+value was put there by judgement, before any run; *studies.thresholds* (python -m) the range of such a value in which no
+answer of its recordings changes. They are no settings for users: whoever moves one puts the engine to the sealed cases
+again (studies/sealed/score.py).
 """
 
 from __future__ import annotations
@@ -14,6 +15,8 @@ from dataclasses import dataclass
 class ChecksPolicy:
     """Faults of channels."""
 
+    stretch: int = 1 << 18
+    """Rows of a recording that is not in the memory that are checked together. Source: chosen; 40 MB while they are."""
     clipped_share: float = 0.2
     """Where more of a channel is clipped, the rest says too little. Chosen in 21ed34d; no run is recorded."""
     missing_share: float = 0.5
@@ -28,31 +31,31 @@ class ChecksPolicy:
     away_g: float = 0.3
     """g; a reading whose length is off by more counts against the unit. Chosen in 21ed34d; no run is recorded."""
     follows_g: float = 0.2
-    """g; rms up to which readings follow the bench's angles. Chosen in 21ed34d; no run is recorded."""
+    """g; rms up to which readings follow the bench's angles. Source: studies.thresholds, 0.1 to 0.4."""
     off_g2: float = 0.04
     """G^2; a reading off by more counts against the angles. Chosen in 21ed34d; no run is recorded."""
     load_steps: int = 10
-    """Converter steps by which loads must differ to be different. Chosen in 21ed34d; no run is recorded."""
+    """Converter steps by which loads must differ to be different. Source: studies.thresholds, 5 to 20."""
     load_g: float = 2e-3
-    """g by which loads must differ to be different. Chosen in 21ed34d; no run is recorded."""
+    """g by which loads must differ to be different. Source: studies.thresholds, 0.001 to 0.004."""
     span_steps: int = 20
     """Converter steps that loads behind one reading must span for it to be a limit. Chosen in 63c0b1b; no run is
     recorded."""
     span_g: float = 5e-3
     """g that loads behind one reading must span for it to be a limit. Chosen in 63c0b1b; no run is recorded."""
     least_codes: int = 16
-    """Different readings from which a converter's step can be detected. Chosen in 21ed34d; no run is recorded."""
+    """Different readings from which a converter's step can be detected. Source: studies.thresholds, 8 to 32."""
     off_code: float = 0.02
-    """Steps by which readings may be off whole numbers. Chosen in 21ed34d; no run is recorded."""
+    """Steps by which readings may be off whole numbers. Source: studies.thresholds, 0.01 to 0.04."""
     still: float = 0.8
-    """Share of rows unchanged from the row before, from which the step hides the noise. Chosen in 21ed34d; no run is
-    recorded."""
+    """Share of rows unchanged from the row before, from which the step hides the noise. Source: studies.thresholds, 0.4
+    to 0.9."""
     better: float = 3.0
     """Times as well as under the axes given must readings follow the angles under others. Chosen in 21ed34d; no run is
     recorded."""
     least_equal: int = 3
-    """Readings at a limit, and different ones below it, from which it can be one. Chosen in 21ed34d; no run is
-    recorded."""
+    """Readings at a limit, and different ones below it, from which it can be one. Source: studies.thresholds, 1 to
+    6."""
 
 
 CHECKS = ChecksPolicy()
@@ -63,24 +66,24 @@ class ClockPolicy:
     """Order and times of frames."""
 
     stray: float = 1e-4
-    """Share of frames that a healthy link may lose, repeat or disorder. Chosen in 21ed34d; no run is recorded."""
+    """Share of frames that a healthy link may lose, repeat or disorder. Source: studies.thresholds, 5e-05 to 0.0002."""
     sure: float = 1e-6
-    """Probability of chance below which a fault is reported. Chosen in 21ed34d; no run is recorded."""
+    """Probability of chance below which a fault is reported. Source: studies.thresholds, 5e-07 to 2e-06."""
     lost_share: float = 0.5
     """Where more frames of a rotation are lost, the recording is not what it claims to be. Source:
     tests/unit/test_rotation_gaps.py, 10 to 30 % missing."""
     lost_few: float = 0.01
     """Share of lost frames up to which nobody need look at the link. Chosen in b616c3f; no run is recorded."""
     jitter: float = 0.02
-    """Share of the usual spacing; spacings that scatter more say nothing of a clock. Chosen in b616c3f; no run is
-    recorded."""
+    """Share of the usual spacing; spacings that scatter more say nothing of a clock. Source: studies.thresholds, 0.01
+    to 0.04."""
     drift: float = 1e-3
     """Change of the clock's rate over a recording that spoils it. Chosen in b616c3f; no run is recorded."""
     alike: float = 0.6
-    """Share of stops of one size from which a shorter one has lost rows. Chosen in cac8bad; no run is recorded."""
+    """Share of stops of one size from which a shorter one has lost rows. Source: studies.thresholds, 0.3 to 0.8."""
     look: int = 50
-    """Rows that are looked at behind a step back, and steps back that are looked at. Chosen in b616c3f; no run is
-    recorded."""
+    """Rows that are looked at behind a step back, and steps back that are looked at. Source: studies.thresholds, 25 to
+    100."""
     around: int = 10
     """Rows around a step back that must run evenly. Chosen in b616c3f; no run is recorded."""
     even: float = 1.5
@@ -91,25 +94,25 @@ class ClockPolicy:
     rarer: int = 10
     """A clock set back is so many times as rare as a stray frame. Chosen in b616c3f; no run is recorded."""
     exact: float = 1e-6
-    """Share of the usual spacing; no clock is taken to scatter less. Chosen in b616c3f; no run is recorded."""
+    """Share of the usual spacing; no clock is taken to scatter less. Source: studies.thresholds, 5e-07 to 2e-06."""
     step: float = 0.25
-    """Usual spacings from which a spacing is a step of the clock. Chosen in b616c3f; no run is recorded."""
+    """Usual spacings from which a spacing is a step of the clock. Source: studies.thresholds, 0.125 to 0.5."""
     step_jitters: int = 20
-    """Scatters of the spacings from which one is a step of the clock. Chosen in b616c3f; no run is recorded."""
+    """Scatters of the spacings from which one is a step of the clock. Source: studies.thresholds, 10 to 40."""
     steps: int = 5
     """Steps of a clock, at most: more are its jitter. Chosen in b616c3f; no run is recorded."""
     parts: int = 20
-    """Parts of a recording by whose medians the clock's drift is observed. Chosen in b616c3f; no run is recorded."""
+    """Parts of a recording by whose medians the clock's drift is observed. Source: studies.thresholds, 10 to 40."""
     least_drift: float = 1e-4
     """Change of the clock's rate that is reported. Chosen in b616c3f; no run is recorded."""
     drift_jitters: int = 10
     """A drift is distinguished from one in so many of the spacings' scatter. Chosen in b616c3f; no run is recorded."""
     twice: float = 1.5
-    """Times as often as next but one neighbours agree, neighbours may. Chosen in 21ed34d; no run is recorded."""
+    """Times as often as next but one neighbours agree, neighbours may. Source: studies.thresholds, 0.75 to 3."""
     least_stops: int = 3
-    """Stops, more than which show how many rows one usually has. Chosen in cac8bad; no run is recorded."""
+    """Stops, more than which show how many rows one usually has. Source: studies.thresholds, 1 to 6."""
     least_stop: int = 2
-    """Rows of a usual stop, more than which it can have lost some. Chosen in cac8bad; no run is recorded."""
+    """Rows of a usual stop, more than which it can have lost some. Source: studies.thresholds, 1 to 4."""
     tails: int = 4
     """Degrees of freedom of Student's t that the jitter of a healthy clock is taken to have. Chosen in b616c3f; no run
     is recorded."""
@@ -126,28 +129,29 @@ class ImpulsesPolicy:
     """Degrees of freedom of Student's t that healthy noise may have. Chosen in b616c3f; no run is recorded."""
     window: int = 25
     """Rows around a reading by which its scatter is known; of a stop no longer than this the median is taken whole.
-    Chosen in b616c3f; no run is recorded."""
+    Source: studies.thresholds, 12 to 50."""
     share: float = 0.01
     """Where more readings are impulses, they are no impulses but the recording. Chosen in b616c3f; no run is
     recorded."""
     expected: float = 1e-3
-    """Impulses are readings of which a healthy recording has fewer than this. Chosen in b616c3f; no run is recorded."""
+    """Impulses are readings of which a healthy recording has fewer than this. Source: studies.thresholds, 0.0005 to
+    0.002."""
     least_rows: int = 100
-    """Rows from which impulses can be detected. Chosen in b616c3f; no run is recorded."""
+    """Rows from which impulses can be detected. Source: studies.thresholds, 50 to 200."""
     tail: float = 0.98
-    """Quantile of the sizes by which their tails are judged. Chosen in b616c3f; no run is recorded."""
+    """Quantile of the sizes by which their tails are judged. Source: studies.thresholds, 0.49 to 0.99."""
     middle: float = 0.75
     """Two-sided, the median: the quantile beside which the tail is judged. Source: a definition."""
     slack: float = 0.95
-    """Share of the tails observed that a law must reach. Chosen in b2a7dec; no run is recorded."""
+    """Share of the tails observed that a law must reach. Source: studies.thresholds, 0.475 to 0.975."""
     least_stop: int = 5
-    """Rows of a stop from which a reading can be compared with the others. Chosen in b616c3f; no run is recorded."""
+    """Rows of a stop from which a reading can be compared with the others. Source: studies.thresholds, 2 to 10."""
     neighbours: int = 7
     """Rows whose median a reading is compared with in a long stop. Chosen in b616c3f; no run is recorded."""
     windows: int = 4
-    """Windows over which the scatter is taken. Chosen in b616c3f; no run is recorded."""
+    """Windows over which the scatter is taken. Source: studies.thresholds, 2 to 8."""
     quietest: float = 0.3
-    """Share of the usual scatter; no stretch is taken to be quieter. Chosen in b616c3f; no run is recorded."""
+    """Share of the usual scatter; no stretch is taken to be quieter. Source: studies.thresholds, 0.15 to 0.6."""
 
 
 IMPULSES = ImpulsesPolicy()

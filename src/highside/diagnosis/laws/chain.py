@@ -67,6 +67,7 @@ def chain_problem(
     places: Sequence[str] = OF_POSES,
     jitter: Array | None = None,
     orders: tuple[float, ...] = (),
+    every_pair: bool = False,
 ) -> LawProblem:
     """The problem of a residual (C, n) beside what is free (P, C, n)."""
     gyros = residual.shape[0] > len(AXES)
@@ -76,5 +77,14 @@ def chain_problem(
         load = np.asarray(model.chain(state).force, dtype=float)
     names = (*CHANNELS, *GYROS)[: residual.shape[0]]
     return LawProblem(
-        residual, free, fields_that_act(fields), covariate_values(state, load), floor, state.t_s, jitter, names, orders
+        residual,
+        free,
+        fields_that_act(fields),
+        covariate_values(state, load),
+        floor,
+        state.t_s,
+        jitter,
+        names,
+        orders,
+        every_pair=every_pair,
     )

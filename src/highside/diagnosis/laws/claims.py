@@ -11,6 +11,7 @@ from scipy.special import chdtrc
 
 from highside.arrays import Array
 from highside.diagnosis.core.finding_policy import STABILITY
+from highside.diagnosis.core.regression import flattened
 from highside.diagnosis.core.result import Claim, Curve, FittedParameter
 from highside.diagnosis.laws.effects import EffectGroup
 from highside.diagnosis.laws.evidence import LawTerm, Whitened, raw_columns
@@ -143,12 +144,12 @@ def _by_fold(white: Whitened, terms: list[LawTerm]) -> list[float]:
     columns, prior = white.columns(terms)
     n = columns.shape[2]
     fold = folds_of(n)
-    flat = columns.reshape(len(columns), -1)
+    flat = flattened(columns)
     whole, products = flat @ flat.T + np.diag(prior), flat @ white.residual.reshape(-1)
     found = []
     for number in range(LAW_REPORT.folds):
         out = fold == number
-        own = columns[:, :, out].reshape(len(columns), -1)
+        own = flattened(columns[:, :, out])
         target = white.residual[:, out].reshape(-1)
         size = np.sqrt(np.maximum(np.diag(whole), 1e-300))
         left = (whole - own @ own.T) / size[:, None] / size[None] + LAW_REPORT.ridge * np.eye(size.size)
@@ -182,7 +183,7 @@ def _agreement(white: Whitened, terms: list[LawTerm], k: int, effect: Array, par
     others = [t for i, t in enumerate(terms) if i != k]
     columns, prior = white.columns(others)
     own = white.whitener.white(np.stack([effect * part for part in parts]))
-    every = np.concatenate([columns, own]).reshape(len(columns) + len(parts), -1)
+    every = flattened(np.concatenate([columns, own]))
     precision = np.diag(np.concatenate([prior, np.zeros(len(parts))]))
     gram = every @ every.T + precision
     size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
@@ -205,7 +206,7 @@ def cases_of_laws(found: Found) -> set[str]:
     """Names among the terms of which a law among them could do nearly all: functions of the same, in the same place."""
     white, terms = found.whitened(), list(found.terms)
     mean, _ = white.posterior(terms)
-    free = white.free.reshape(len(white.free), -1)
+    free = flattened(white.free)
     cases = set()
     for k, term in enumerate(terms):
         if not term.group.effect:
@@ -232,13 +233,15 @@ def named_claim(found: Found, k: int, effect: Effect, known: Mapping[str, float]
     that the model has of its parameters, from which on it was fitted."""
     white = found.whitened()
     terms = list(found.terms)
-    mean, covariance = white.posterior(terms)
+    mean, _ = white.posterior(terms)
     part, group = slice_of(found, terms, k), terms[k].group
     assert isinstance(group, EffectGroup)
     shown = np.flatnonzero(group.unit > 0)
     value, std = np.zeros(group.unit.size), np.zeros(group.unit.size)
     value[shown] = mean[part] / group.unit[shown]
-    std[shown] = np.sqrt(np.diag(covariance[part, part])) / group.unit[shown]
+    slopes = group.slopes(value)
+    spread = _spread(white, terms, list(slopes.values()))
+    std[shown] = spread[part] / group.unit[shown]
     value += [known.get(effect.parameters[i].name, 0.0) for i in effect.amplitudes]
     half = LAW_REPORT.sure * std
     parameters = {
@@ -247,6 +250,10 @@ def named_claim(found: Found, k: int, effect: Effect, known: Mapping[str, float]
         )
         for i, v, s, h in zip(effect.amplitudes, value, std, half, strict=True)
     }
+    of_shapes = dict(zip(slopes, spread[len(mean) :], strict=True))
+    for p in effect.shapes:
+        at, s = (group.shape.values[p.name] if group.shape else p.default), float(of_shapes.get(p.name, 0.0))
+        parameters[p.name] = FittedParameter(at, s, at - LAW_REPORT.sure * s, at + LAW_REPORT.sure * s, p.unit)
     rivals = tuple(g.effect or f"{PREFIX}{g.label}" for g in found.classes[k])
     does = np.tensordot(mean[part], raw_columns(found.problem, [terms[k]]), 1)
     return Claim(
@@ -264,6 +271,18 @@ def named_claim(found: Found, k: int, effect: Effect, known: Mapping[str, float]
         heldout_gain=heldout(white, terms, k),
         stable=bool(-np.log10(max(stability(found, white, terms, k, does), 1e-300)) < STABILITY.log_p),
     )
+
+
+def _spread(white: Whitened, terms: list[LawTerm], slopes: list[Array]) -> Array:
+    """(K + s,) standard deviations of all coefficients, where s further columns (C, n) are free beside the terms."""
+    if not slopes:
+        return np.sqrt(np.diag(white.posterior(terms)[1]))
+    columns, prior = white.columns(terms)
+    every = flattened(np.concatenate([columns, white.whitener.white(np.stack(slopes))]))
+    gram = every @ every.T + np.diag(np.concatenate([prior, np.zeros(len(slopes))]))
+    size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    inverse = np.linalg.pinv(gram / size[:, None] / size[None], hermitian=True)
+    return np.asarray(np.sqrt(np.maximum(np.diag(inverse), 0.0)) / size)
 
 
 def _claim(
@@ -320,7 +339,7 @@ def _claim(
 def size_beside_free(white: Whitened, effect: Array, channels: tuple[int, ...]) -> tuple[float, float]:
     """Rms of a contribution (C, n) over its channels, less what bias, scale and all that is free takes of it, and the
     standard deviation of that as a factor of the shape. A curve's own band also holds what is free takes of it."""
-    free = white.free.reshape(len(white.free), -1).T
+    free = flattened(white.free).T
     own = white.whitener.white(effect[None])[0].reshape(-1)
     absorbed = np.linalg.lstsq(free, own, rcond=None)[0] if free.size else np.zeros(0)
     strength = float(np.sum((own - free @ absorbed) ** 2))

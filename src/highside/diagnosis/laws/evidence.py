@@ -11,6 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from highside.arrays import Array
+from highside.diagnosis.core.regression import flattened
 from highside.diagnosis.laws.groups import LawGroup
 from highside.diagnosis.laws.noise import Whitener, cholesky_and_half, evidence
 from highside.diagnosis.laws.policy import LAW_EVIDENCE, LAW_SEARCH
@@ -237,15 +238,37 @@ class Whitened:
     def total(self, terms: list[LawTerm]) -> float:
         """Log evidence of the terms beside all that is free."""
         columns, prior = self.columns(terms)
-        both = np.concatenate([columns, self.residual[None]]).reshape(len(columns) + 1, -1)
+        both = flattened(np.concatenate([columns, self.residual[None]]))
         return float(evidence((both @ both.T)[None], prior, np.array([self.whitener.log_determinant]))[0])
 
     def posterior(self, terms: list[LawTerm]) -> tuple[Array, Array]:
         """Mean (K,) and covariance (K, K) of the coefficients of all that is free and of the terms."""
         columns, prior = self.columns(terms)
-        flat = columns.reshape(len(columns), -1)
+        flat = flattened(columns)
         inverse = _inverse(flat @ flat.T, prior)
         return inverse @ (flat @ self.residual.reshape(-1)), inverse
+
+    def left_of(self, terms: list[LawTerm], which: Sequence[int]) -> tuple[Array, Array]:
+        """What some of the terms do, whitened (C n,), outside of all that is free and of what the others may do; and
+        orthonormal rows (f, C n) of these."""
+        columns, _ = self.columns([t for i, t in enumerate(terms) if i not in which])
+        beside = orthonormal(flattened(columns))
+        mean, _ = self.posterior(terms)
+        target = np.zeros(self.residual.size)
+        for k in which:
+            start = len(self.free) + sum(t.group.size for t in terms[:k])
+            own = self.groups.columns_of(terms[k].group)
+            target = target + np.tensordot(mean[start : start + terms[k].group.size], own, 1).reshape(-1)
+        return target - (target @ beside.T) @ beside, beside
+
+    def reproduces(self, does: tuple[Array, Array], group: LawGroup) -> bool:
+        """Whether a group can do what `left_of` gave, to within what the recording shows of a difference."""
+        target, beside = does
+        columns = self.groups.columns_of(group)
+        flat = flattened(columns)
+        own = orthonormal(flat - (flat @ beside.T) @ beside)
+        left = target - (target @ own.T) @ own
+        return float(left @ left) < LAW_SEARCH.reproduced
 
     def scores(
         self, terms: list[LawTerm], *, least: float = 0.0, within: float = LAW_SEARCH.same_confounded
@@ -263,7 +286,7 @@ class Whitened:
         white = self.groups
         beside = [white.free, *(white.columns_of(term.group) for term in terms)]
         columns, prior = np.concatenate(beside), prior_of(self.families.problem, terms)
-        flat = columns.reshape(len(columns), -1)
+        flat = flattened(columns)
         inverse = _inverse(flat @ flat.T, prior)
         coefficients = inverse @ (flat @ self.residual.reshape(-1))
         groups = self.families.groups
@@ -281,17 +304,24 @@ class Whitened:
             bound[[i in barred for i in part.family.members]] = -np.inf
         order = np.sort(np.concatenate([[0.0], *bounds]))
         high = float(order[-min(LAW_EVIDENCE.first, order.size)])
-        for first in (True, False):
-            worth = high if first else float(gains.max(initial=least)) - within
-            for part, (gram, drive), bound in zip(parts, left, bounds, strict=True):
-                picked = np.flatnonzero((bound >= worth) & ((bound >= high) == first) & np.isfinite(bound))
+        looked = [np.zeros(bound.size, dtype=bool) for bound in bounds]
+        # the highest bounds first; if none of these is enough, what may be; then what may come near the best
+        for stage in range(3):
+            best = float(gains.max(initial=0.0))
+            if (stage == 1 and best >= least) or (stage == 2 and best < least):
+                continue
+            worth = (high, least, best - within)[stage]
+            for k, (part, (gram, drive), bound) in enumerate(zip(parts, left, bounds, strict=True)):
+                picked = np.flatnonzero((bound >= worth) & ~looked[k] & np.isfinite(bound))
                 if not picked.size:
                     continue
-                gain, size, length = best_priors(gram[picked], drive[picked], part.family.orders[picked])
-                for k, j in enumerate(picked):
+                near = -np.inf if stage == 0 else worth + part.family.tries[picked]
+                gain, size, length = best_priors(gram[picked], drive[picked], part.family.orders[picked], near)
+                looked[k][picked] = np.isfinite(gain)
+                for own, j in enumerate(picked):
                     i = part.family.members[int(j)]
-                    gains[i] = gain[k] - part.family.tries[j]
-                    priors[i] = Prior(float(size[k]), float(length[k]))
+                    gains[i] = gain[own] - part.family.tries[j]
+                    priors[i] = Prior(float(size[own]), float(length[own]))
         return gains, priors
 
 
@@ -320,13 +350,28 @@ def _bound(gram: Array, drive: Array) -> Array:
         return np.asarray(0.5 * np.sum(turned**2 / np.maximum(values, LAW_EVIDENCE.ridge), axis=1))
 
 
-def best_priors(gram: Array, drive: Array, orders: Array) -> tuple[Array, Array, Array]:
-    """Gain (G,), size and length of the best prior, from inner products (G, m, m) and (G, m) and orders (G, m)."""
+def best_priors(gram: Array, drive: Array, orders: Array, near: Array | float = -np.inf) -> tuple[Array, Array, Array]:
+    """Gain (G,), size and length of the best prior, from inner products (G, m, m) and (G, m) and orders (G, m).
+
+    Gain -inf: with one length of the prior the group stays so far behind `near` (G,) that none brings it there.
+    """
+    if len(gram) and orders.any() and np.any(np.isfinite(near)):
+        rough = _at_lengths(gram, drive, orders, (LAW_EVIDENCE.rough,))[0]
+        worth = np.flatnonzero(rough >= near - LAW_EVIDENCE.slack)
+        found = [np.full(len(gram), fill) for fill in (-np.inf, 1.0, 1.0)]
+        if worth.size:
+            made = _at_lengths(gram[worth], drive[worth], orders[worth], LAW_EVIDENCE.lengths)
+            for whole, own in zip(found, made, strict=True):
+                whole[worth] = own
+        return found[0], found[1], found[2]
+    return _at_lengths(gram, drive, orders, LAW_EVIDENCE.lengths if orders.any() else LAW_EVIDENCE.lengths[:1])
+
+
+def _at_lengths(gram: Array, drive: Array, orders: Array, lengths: Sequence[float]) -> tuple[Array, Array, Array]:
     sizes = np.array(LAW_EVIDENCE.sizes)
     count = len(gram)
     best = np.full(count, -np.inf)
     best_size, best_length = np.ones(count), np.ones(count)
-    lengths = LAW_EVIDENCE.lengths if orders.any() else LAW_EVIDENCE.lengths[:1]
     for length in lengths:
         fall = np.sqrt(falls(orders, length))
         turned = gram * fall[:, :, None] * fall[:, None, :]
@@ -345,6 +390,16 @@ def best_priors(gram: Array, drive: Array, orders: Array) -> tuple[Array, Array,
         best_size = np.where(better, s[np.arange(count), where], best_size)
         best_length = np.where(better, length, best_length)
     return best, best_size, best_length
+
+
+def orthonormal(rows: Array) -> Array:
+    """(f, m) rows that span these (k, m)."""
+    size = np.linalg.norm(rows, axis=1)
+    rows = rows[size > 1e-9 * max(float(size.max(initial=0.0)), 1e-300)]
+    if not len(rows):
+        return rows
+    _, values, basis = np.linalg.svd(rows / np.linalg.norm(rows, axis=1, keepdims=True), full_matrices=False)
+    return np.asarray(basis[values > 1e-9 * values[0]])
 
 
 def raw_columns(problem: LawProblem, terms: list[LawTerm]) -> Array:

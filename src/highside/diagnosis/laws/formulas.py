@@ -9,6 +9,7 @@ from itertools import product
 import numpy as np
 
 from highside.arrays import Array
+from highside.diagnosis.core.regression import flattened
 from highside.diagnosis.laws.evidence import LawTerm, Whitened
 from highside.diagnosis.laws.groups import LawGroup, values_of
 from highside.diagnosis.laws.policy import LAW_FORMULAS, LAW_REPORT
@@ -117,6 +118,8 @@ def closed_form(found: Found, white: Whitened, terms: list[LawTerm], k: int) -> 
         return None
     name, unit = group.axes[0].covariate, group.units[0]
     values = values_of(found.problem, name, unit)
+    if not np.ptp(values):
+        return None
     others = [t for i, t in enumerate(terms) if i != k]
     columns, prior = white.columns(others)
     curve = _loss_of_curve(white, terms)
@@ -206,7 +209,7 @@ def _scored(
     own = white.whitener.white(raw).reshape(count, width, field.shape[0], n)
     best = int(np.argmax(_fitted(columns, prior, own, white.residual)[0]))
     loss = _loss(columns, prior, own[best], white.residual) + 2 * form.numbers
-    every = np.concatenate([columns, own[best]]).reshape(len(columns) + width, -1)
+    every = flattened(np.concatenate([columns, own[best]]))
     gram = every @ every.T + np.diag(np.concatenate([prior, np.zeros(width)]))
     unit = np.sqrt(np.maximum(np.diag(gram), 1e-300))
     inverse = np.linalg.pinv(gram / unit[:, None] / unit[None], hermitian=True) / unit[:, None] / unit[None]
@@ -225,7 +228,7 @@ def _loss(columns: Array, prior: Array, own: Array, residual: Array) -> float:
     for number in range(LAW_REPORT.folds):
         out = fold == number
         _, beside, mean = _fitted(columns[:, :, ~out], prior, own[None, :, :, ~out], residual[:, ~out])
-        base = columns[:, :, out].reshape(len(columns), -1)
+        base = flattened(columns[:, :, out])
         predicted = beside[0] @ base + mean[0] @ own[:, :, out].reshape(len(own), int(out.sum()) * residual.shape[0])
         total += float(np.sum((residual[:, out].reshape(-1) - predicted) ** 2))
     return total
@@ -234,7 +237,7 @@ def _loss(columns: Array, prior: Array, own: Array, residual: Array) -> float:
 def _fitted(columns: Array, prior: Array, own: Array, residual: Array) -> tuple[Array, Array, Array]:
     """Gains (B,), coefficients of the columns (B, K) and of the sets (B, w), fitted together."""
     count, width = own.shape[:2]
-    flat, target = columns.reshape(len(columns), -1), residual.reshape(-1)
+    flat, target = flattened(columns), residual.reshape(-1)
     gram = flat @ flat.T + np.diag(prior)
     size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
     inverse = np.linalg.inv(gram / size[:, None] / size[None] + LAW_REPORT.ridge * np.eye(size.size))

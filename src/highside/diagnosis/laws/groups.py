@@ -5,19 +5,25 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import combinations
 
 import numpy as np
 
 from highside.arrays import Array
 from highside.diagnosis.laws.policy import LAW_GROUPS
 from highside.diagnosis.laws.problem import LawProblem, PlaceField
-from highside.physics.covariates import COVARIATES
+from highside.physics.covariates import COVARIATES, FILTERED
+from highside.physics.effect import AXES
 from highside.physics.law import Axis, Function
 from highside.physics.places import PLACES
 
 ANGLES = frozenset({"inclination", "toolface", "level", "timing"})
 """places that act on where the tool is, not on a sensor"""
+SET_ANGLES = frozenset({"inclination", "toolface"})
+"""of these the ones that a bench bends under a load"""
 HISTORY = ("time_since_move", "previous_load")
+LAGGING = ("temp_filtered_300", "temp_filtered_1200")
+"""the temperatures that lag of which every place is tried; the time constant of one that is found is then estimated"""
 PAIRED = (
     ("load", "temp"),
     ("load", "time"),
@@ -46,7 +52,13 @@ PAIRED = (
     ("load_y", "temp"),
     ("load_z", "temp"),
 )
-"""Pairs of covariates whose products are tried."""
+"""Pairs of covariates whose products are tried, where a session does not ask for every pair."""
+ONE_QUANTITY = (
+    frozenset({"tf", "tf_fraction"}),
+    frozenset({"inc", "load_z"}),
+    frozenset({"temp", *FILTERED}),
+)
+"""covariates of which no two make a product: they are one quantity"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,8 +99,7 @@ class LawGroup:
     @cached_property
     def channels(self) -> tuple[int, ...]:
         """Channels that it acts on."""
-        touched = np.any([u.acts for u in self.units], axis=0)
-        return tuple(int(c) for c in np.flatnonzero(touched))
+        return tuple(sorted({channel for unit in self.units for channel in unit.channels}))
 
     @cached_property
     def orders(self) -> Array:
@@ -103,33 +114,94 @@ class LawGroup:
     def columns(self) -> Array:
         """(u m, c, n) what one unit of each coefficient does to the channels that it acts on."""
         ch = list(self.channels)
+        if len(self.units) == 1:
+            return np.asarray(self.basis[0][:, None] * self.units[0].field[None, ch])
         return np.concatenate([b[:, None] * u.field[None, ch] for u, b in zip(self.units, self.basis, strict=True)])
 
 
-Bases = dict[tuple[tuple[Axis, ...], tuple[int, ...]], Array]
-"""functions (u, m, n) of axes, as the units of these axes of the triad know them: many places have the same"""
+class Bases:
+    """What the groups of many places have in common: which covariates vary there, and the functions of them."""
+
+    def __init__(self, problem: LawProblem) -> None:
+        self.problem = problem
+        self._varying: dict[tuple[str, int], list[tuple[str, Array, int]]] = {}
+        self._of: dict[tuple[tuple[Axis, ...], tuple[int, ...]], Array] = {}
+
+    def varying(self, units: tuple[PlaceField, ...]) -> list[tuple[str, Array, int]]:
+        """Names, values and number of distinct values of the covariates that vary."""
+        key = units[0].place, units[0].own
+        if key not in self._varying:
+            self._varying[key] = list(varying(self.problem, units))
+        return self._varying[key]
+
+    @cached_property
+    def in_time(self) -> list[Axis]:
+        """Steps, ramps and decays in time."""
+        t = self.problem.covariates["time"]
+        edges = np.unique(t)
+        middle = (edges[1:] + edges[:-1]) / 2
+        knots = middle[np.unique(np.linspace(0, middle.size - 1, LAW_GROUPS.steps).astype(int))]
+        low, high = float(t.min()), float(t.max())
+        shapes = [Function("step", (float(at),)) for at in knots]
+        shapes += [Function("ramp", (float(at),)) for at in knots[1:]]
+        shapes += [Function("decay", (float(at), s * (high - low))) for at in (low, *knots) for s in LAW_GROUPS.decays]
+        return [Axis("time", low, high, (shape,)) for shape in shapes]
+
+    def group(self, units: tuple[PlaceField, ...], axes: tuple[Axis, ...], order: Array, tries: int = 1) -> LawGroup:
+        """The functions of axes in a place; units that know the same values share them."""
+        differs = any(self.problem.covariates[axis.covariate].ndim == 2 for axis in axes)
+        key = axes, tuple(unit.own if differs else -1 for unit in units)
+        if key not in self._of:
+            made = np.stack([self._made(axes, unit) for unit in (units if differs else units[:1])])
+            self._of[key] = np.broadcast_to(made, (len(units), *made.shape[1:]))
+        return LawGroup(units, axes, order, self._of[key], tries)
+
+    def _made(self, axes: tuple[Axis, ...], unit: PlaceField) -> Array:
+        result = axes[0].basis(values_of(self.problem, axes[0].covariate, unit))
+        for axis in axes[1:]:
+            own = axis.basis(values_of(self.problem, axis.covariate, unit))
+            result = (result[:, None] * own[None]).reshape(-1, own.shape[1])
+        return result
 
 
 def groups_of(problem: LawProblem) -> list[LawGroup]:
     """All that is tried."""
-    found = []
-    bases: Bases = {}
-    for units in _together(problem.places):
-        found += list(_singles(problem, units, bases))
-        found += list(_pairs(problem, units, bases))
-        found += list(_shapes(problem, units, bases))
-    return [g for g in found if g.channels]
+    found: list[LawGroup] = []
+    bases = Bases(problem)
+    for units in each_place(problem.places):
+        if any(unit.channels for unit in units):
+            found += _singles(units, bases)
+            found += _pairs(units, bases)
+            found += _shapes(units, bases)
+    if problem.every_pair:
+        found += _of_all_axes(bases)
+    return found
 
 
-def _together(places: tuple[PlaceField, ...]) -> list[tuple[PlaceField, ...]]:
-    """Each place and channel by itself; the two angles of the level together."""
+def each_place(places: tuple[PlaceField, ...]) -> list[tuple[PlaceField, ...]]:
+    """Each place and channel by itself, but for those that do what one before them does; the two angles of the level
+    together as well."""
     level = tuple(p for p in places if p.place == "level")
-    return [*((p,) for p in places if p.place != "level"), *([level] if level else [])]
+    alone = [p for i, p in enumerate(places) if not any(same_angle(p, other) for other in places[:i])]
+    return [*((p,) for p in alone), *([level] if len(level) > 1 else [])]
 
 
-def _fits(place: str, name: str) -> bool:
-    """Whether a covariate is one that a place may follow."""
+def same_angle(one: PlaceField, other: PlaceField) -> bool:
+    """Whether two places of angles do the same: a lean about the axis of the inclination is an error of that."""
+    return (
+        one.place in ANGLES
+        and other.place in ANGLES
+        and one is not other
+        and bool(np.allclose(one.field, other.field, rtol=0.0, atol=LAW_GROUPS.distinct * np.abs(one.field).max()))
+    )
+
+
+def _fits(place: str, name: str, tilts: bool) -> bool:
+    """Whether a covariate is one that a place may follow; `tilts`: the inclination varies."""
     loads = name.startswith("load")
+    if place in SET_ANGLES and name in ("load_x", "load_y"):
+        # at one inclination that is the toolface's first order; a load on z is the inclination's cosine
+        return tilts
     if place == "offset" or place.startswith("channel"):
         return True
     if place in ("scale", "matrix", "scale_all"):
@@ -145,11 +217,14 @@ def values_of(problem: LawProblem, name: str, unit: PlaceField) -> Array:
     return values[unit.own] if values.ndim == 2 else values
 
 
-def _varying(problem: LawProblem, units: tuple[PlaceField, ...]) -> Iterator[tuple[str, Array, int]]:
+def varying(problem: LawProblem, units: tuple[PlaceField, ...]) -> Iterator[tuple[str, Array, int]]:
     """Names, values and number of distinct values of the covariates that vary."""
     unit = units[0]
+    tilts = "inc" in problem.covariates and float(np.ptp(problem.covariates["inc"])) > 0.0
     for name, every in problem.covariates.items():
-        if not _fits(unit.place, name) or (every.ndim == 2 and unit.own < 0):
+        if not _fits(unit.place, name, tilts) or (every.ndim == 2 and unit.own < 0):
+            continue
+        if name in FILTERED and name not in LAGGING:
             continue
         if unit.own >= 0 and name == "load_" + "xyz"[unit.own]:
             continue
@@ -174,46 +249,45 @@ def axis_of(name: str, values: Array, count: int, *, constant: bool, turns: int)
     return axis, np.array([0.0] * len(zero) + [float(k) for k in range(1, count + 1)])
 
 
-def _group(
-    problem: LawProblem,
-    units: tuple[PlaceField, ...],
-    axes: tuple[Axis, ...],
-    order: Array,
-    bases: Bases,
-    tries: int = 1,
-) -> LawGroup:
-    key = axes, tuple(unit.own for unit in units)
-    if key not in bases:
-        basis = []
-        for unit in units:
-            result = axes[0].basis(values_of(problem, axes[0].covariate, unit))
-            for axis in axes[1:]:
-                own = axis.basis(values_of(problem, axis.covariate, unit))
-                result = (result[:, None] * own[None]).reshape(-1, own.shape[1])
-            basis.append(result)
-        bases[key] = np.stack(basis)
-    return LawGroup(units, axes, order, bases[key], tries)
-
-
-def _singles(problem: LawProblem, units: tuple[PlaceField, ...], bases: Bases) -> Iterator[LawGroup]:
+def _singles(units: tuple[PlaceField, ...], bases: Bases) -> Iterator[LawGroup]:
     constant = PLACES[units[0].place].constant
-    for name, values, distinct in _varying(problem, units):
+    for name, values, distinct in bases.varying(units):
         if name == "tf_fraction":
             continue
         count = min(LAW_GROUPS.cosines, distinct - 1)
         turns = min(LAW_GROUPS.orders, max(1, distinct // 2))
         axis, order = axis_of(name, values, count, constant=constant, turns=turns)
-        yield _group(problem, units, (axis,), order, bases)
+        yield bases.group(units, (axis,), order)
 
 
-def _pairs(problem: LawProblem, units: tuple[PlaceField, ...], bases: Bases) -> Iterator[LawGroup]:
-    if units[0].place in ("matrix", "timing"):
+def _of_all_axes(bases: Bases) -> Iterator[LawGroup]:
+    """Offsets of all three axes that follow one quantity, each in its own way: what acts on the whole triad. Three laws
+    of one axis each would be found one by one, and a lean of the bench that does most of the three before them."""
+    units = tuple(p for p in bases.problem.places if p.place == "offset")
+    if len(units) < len(AXES):
         return
-    known = {name: (values, distinct) for name, values, distinct in _varying(problem, units)}
-    extra = [(name, "temp") for name in known if name not in COVARIATES]
-    for one, other in (*PAIRED, *extra):
-        if one not in known or other not in known:
-            continue
+    for group in _singles(units, bases):
+        if not group.depends_on[0].startswith("load"):
+            yield group
+    yield from _in_time(units, bases)
+
+
+def _pairs(units: tuple[PlaceField, ...], bases: Bases) -> Iterator[LawGroup]:
+    every_pair = bases.problem.every_pair
+    if units[0].place in ("matrix", "timing") and not every_pair:
+        return
+    if every_pair and len(units) > 1:
+        # each angle by itself is tried
+        return
+    known = {name: (values, distinct) for name, values, distinct in bases.varying(units)}
+    if every_pair:
+        names = [name for name in known if name != "tf_fraction" and name != LAGGING[0]]
+        pairs = [pair for pair in combinations(names, 2) if not any(one.issuperset(pair) for one in ONE_QUANTITY)]
+    else:
+        listed = (*PAIRED, *((name, "temp") for name in known if name not in COVARIATES))
+        pairs = [pair for pair in listed if known.keys() >= set(pair)]
+    tries = max(LAW_GROUPS.pairs, len(pairs))
+    for one, other in pairs:
         made = []
         for name in (one, other):
             values, distinct = known[name]
@@ -221,72 +295,70 @@ def _pairs(problem: LawProblem, units: tuple[PlaceField, ...], bases: Bases) -> 
             turns = min(LAW_GROUPS.pair_turns, max(1, distinct // 2))
             made.append(axis_of(name, values, count, constant=True, turns=turns))
         (first, k), (second, j) = made
-        order = np.hypot(k[:, None], j[None]).reshape(-1)
-        yield _group(problem, units, (first, second), order, bases, LAW_GROUPS.pairs)
+        yield bases.group(units, (first, second), np.hypot(k[:, None], j[None]).reshape(-1), tries)
 
 
-def _shapes(problem: LawProblem, units: tuple[PlaceField, ...], bases: Bases) -> Iterator[LawGroup]:
+def _shapes(units: tuple[PlaceField, ...], bases: Bases) -> Iterator[LawGroup]:
     """Steps, ramps and decays in time, dents in toolface, orders that are no whole numbers: one or two columns each."""
     if units[0].place in ("matrix", "timing"):
         return
-    known = {name: values for name, values, _ in _varying(problem, units)}
-    zero = np.zeros(1)
-    if "time" in known:
-        t = known["time"]
-        edges = np.unique(t)
-        middle = (edges[1:] + edges[:-1]) / 2
-        knots = middle[np.unique(np.linspace(0, middle.size - 1, LAW_GROUPS.steps).astype(int))]
-        low, high = float(t.min()), float(t.max())
-        shapes = [Function("step", (float(at),)) for at in knots]
-        shapes += [Function("ramp", (float(at),)) for at in knots[1:]]
-        shapes += [Function("decay", (float(at), s * (high - low))) for at in (low, *knots) for s in LAW_GROUPS.decays]
-        for shape in shapes:
-            yield _group(problem, units, (Axis("time", low, high, (shape,)),), zero, bases, len(shapes))
+    yield from _in_time(units, bases)
+    known = {name: values for name, values, _ in bases.varying(units)}
     if "tf" in known:
         centres = np.arange(LAW_GROUPS.dents) * (360.0 / LAW_GROUPS.dents)
         dents = [Function("dent", (float(c), w)) for c in centres for w in LAW_GROUPS.dent_widths_deg]
         for shape in dents:
-            yield _group(problem, units, (Axis("tf", 0.0, 360.0, (shape,)),), zero, bases, len(dents))
-    yield from _lines(problem, units, known, bases)
+            yield bases.group(units, (Axis("tf", 0.0, 360.0, (shape,)),), np.zeros(1), len(dents))
+    yield from _lines(units, known, bases)
     if "tf" in known:
         # each by itself, too: one order alone is likelier than the twelve together, and than its fractions
         for whole in range(1, LAW_GROUPS.orders + 1):
-            yield _one_order(problem, units, float(whole), None, bases, LAW_GROUPS.orders)
+            yield _one_order(units, float(whole), None, bases, LAW_GROUPS.orders)
     if "tf_fraction" in known:
         for k in range(1, LAW_GROUPS.fractions):
             order = k * LAW_GROUPS.fraction_step
             if abs(order - round(order)) >= LAW_GROUPS.distinct:
-                yield _one_order(problem, units, order, known["tf_fraction"], bases, LAW_GROUPS.fractions)
+                yield _one_order(units, order, known["tf_fraction"], bases, LAW_GROUPS.fractions)
 
 
-def _lines(
-    problem: LawProblem, units: tuple[PlaceField, ...], known: dict[str, Array], bases: Bases
-) -> Iterator[LawGroup]:
+def _in_time(units: tuple[PlaceField, ...], bases: Bases) -> Iterator[LawGroup]:
+    """Steps, ramps and decays."""
+    if any(name == "time" for name, _, _ in bases.varying(units)):
+        for axis in bases.in_time:
+            yield bases.group(units, (axis,), np.zeros(1), len(bases.in_time))
+
+
+def _lines(units: tuple[PlaceField, ...], known: dict[str, Array], bases: Bases) -> Iterator[LawGroup]:
     """Orders of the turn at which the readings have a line: on a channel that order, of an angle one more or less, as
     the load it acts on turns once."""
-    near = {order + step for order in problem.orders for step in (-1.0, 0.0, 1.0)}
+    near = {order + step for order in bases.problem.orders for step in (-1.0, 0.0, 1.0)}
     for order in sorted(near):
         whole = order == round(order)
         name = "tf" if whole else "tf_fraction"
         if name not in known or order <= 0 or (whole and order <= LAW_GROUPS.orders):
             continue
-        yield _one_order(problem, units, order, None if whole else known[name], bases, LAW_GROUPS.lines)
+        yield _one_order(units, order, None if whole else known[name], bases, LAW_GROUPS.lines)
 
 
 def _one_order(
-    problem: LawProblem, units: tuple[PlaceField, ...], order: float, fraction: Array | None, bases: Bases, tries: int
+    units: tuple[PlaceField, ...], order: float, fraction: Array | None, bases: Bases, tries: int
 ) -> LawGroup:
     """A cosine and a sine of one order of toolface: a whole one, or with `fraction` (n,) in deg one over its range."""
     both = tuple(Function(kind, (order,)) for kind in ("cos", "sin"))
     axis = Axis("tf", 0.0, 360.0, both)
     if fraction is not None:
         axis = Axis("tf_fraction", float(fraction.min()), float(fraction.max()), both)
-    return _group(problem, units, (axis,), np.zeros(2), bases, tries)
+    return bases.group(units, (axis,), np.zeros(2), tries)
 
 
 def confounded(one: Array, other: Array, share: float) -> bool:
     """Whether a covariate (n,) is a smooth function of another in this session, or that of it."""
     return _explains(one, other) > share or _explains(other, one) > share
+
+
+def one_quantity(one: Array, other: Array, share: float) -> bool:
+    """Whether each of two covariates (n,) is a smooth function of the other in this session."""
+    return min(_explains(one, other), _explains(other, one)) > share
 
 
 def _explains(by: Array, what: Array) -> float:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from highside.arrays import Array
 from highside.diagnosis.core.markov import LevelNoise
+from highside.diagnosis.core.regression import flattened
 from highside.diagnosis.laws.evidence import LawTerm, raw_columns_of
 from highside.diagnosis.laws.groups import LawGroup
 from highside.diagnosis.laws.noise import (
@@ -33,6 +34,8 @@ from highside.diagnosis.laws.policy import LAW_EVIDENCE, LAW_NOISE
 from highside.diagnosis.laws.problem import LawProblem
 
 FREE = "free"
+TOGETHER = ((1.0, 1.0, 0.0), (1.0, 0.0, 1.0))
+"""errors that are of one size: of both set angles, and of the level in both its directions"""
 _Filter = Callable[[Array], Array]
 
 
@@ -57,6 +60,10 @@ class NoiseLearner:
 
     def learn(self, terms: Sequence[LawTerm], residual: Array) -> tuple[LawNoise, float]:
         """The noise of highest evidence beside what is free and the terms, and that evidence."""
+        if not self.problem.memory:
+            shown = [self.problem.free, *(np.tensordot(own.turn, own.raw, 1) for own in map(self._shown, terms))]
+            prior = np.repeat([0.0, 1.0], [len(shown[0]), sum(len(own) for own in shown[1:])])
+            return _with_jitter(self.problem, np.concatenate([*shown, residual[None]]), prior)
         if not self._channels:
             self._channels = _products_of(self.problem)
         if not any(one is residual for one in self._residuals):
@@ -81,11 +88,21 @@ class NoiseLearner:
                 noise, best = other, gained
         return noise, best
 
+    def without_memory(self, terms: Sequence[LawTerm], residual: Array, *, to_the_floor: bool = False) -> float:
+        """Evidence beside the best noise that is white or errors of the set angles; `to_the_floor`: the floor, and such
+        errors."""
+        shown = [self._shown(term) for term in terms]
+        free = self.problem.free
+        columns = [free, *(np.tensordot(part.turn, part.raw, 1) for part in shown)]
+        count = sum(len(part.turn) for part in shown)
+        prior = np.concatenate([np.zeros(len(free)), np.ones(count)])
+        return _with_jitter(self.problem, np.concatenate([*columns, residual[None]]), prior, to_the_floor)[1]
+
     def _shown(self, term: LawTerm) -> _Columns:
         """Combinations of a term's columns of unit prior precision, less what the data cannot show."""
         if term.group not in self._raw:
             raw = raw_columns_of(self.problem, term.group)
-            white = (raw / self.problem.floor).reshape(len(raw), -1)
+            white = flattened(raw / self.problem.floor)
             self._raw[term.group] = raw, white @ white.T
         raw, gram = self._raw[term.group]
         size = np.sqrt(term.prior.variances(term.group.orders))
@@ -300,12 +317,12 @@ def _mean(inner: Array, prior: Array) -> Array:
     return np.asarray(np.linalg.solve(unit, inner[:k, k] / size) / size)
 
 
-def _with_jitter(problem: LawProblem, both: Array, prior: Array) -> tuple[LawNoise, float]:
+def _with_jitter(problem: LawProblem, both: Array, prior: Array, to_the_floor: bool = False) -> tuple[LawNoise, float]:
     """White noise and errors of the set angles, which mix the channels."""
-    assert problem.jitter is not None
-    kinds = len(problem.jitter)
+    ways = np.empty((0, *problem.residual.shape)) if problem.jitter is None else problem.jitter
+    kinds = len(ways)
     # one unit of an angle's error is as large as the floor
-    unit = [float(np.sqrt(np.mean(problem.floor**2) / max(float(np.mean(way**2)), 1e-30))) for way in problem.jitter]
+    unit = [float(np.sqrt(np.mean(problem.floor**2) / max(float(np.mean(way**2)), 1e-30))) for way in ways]
     noise = LawNoise.floor_alone(problem)
 
     known: dict[tuple[float, ...], float] = {}
@@ -314,7 +331,7 @@ def _with_jitter(problem: LawProblem, both: Array, prior: Array) -> tuple[LawNoi
         key = (*one.factor.tolist(), *one.jitter.tolist())
         if key not in known:
             made = Whitener(problem, one)
-            turned = made.white(both).reshape(len(both), -1)
+            turned = flattened(made.white(both))
             own = evidence((turned @ turned.T)[None], prior, np.array([made.log_determinant]))
             known[key] = float(own[0]) - LAW_NOISE.cost * int(np.count_nonzero(one.jitter))
         return known[key]
@@ -323,10 +340,12 @@ def _with_jitter(problem: LawProblem, both: Array, prior: Array) -> tuple[LawNoi
     for _ in range(LAW_NOISE.turns):
         for k in range(kinds):
             tries = [replace(noise, jitter=_put(noise.jitter, k, s * unit[k])) for s in (0.0, *LAW_NOISE.jitters)]
-            tries += [replace(noise, jitter=np.array(unit) * s) for s in LAW_NOISE.jitters if k == 0]
+            if k == 0:
+                together = [np.array(unit) * np.array(which[:kinds]) for which in TOGETHER]
+                tries += [replace(noise, jitter=s * both) for both in together for s in LAW_NOISE.jitters]
             found = [of(one) for one in tries]
             noise, best = tries[int(np.argmax(found))], max(found)
-        for c in range(problem.count):
+        for c in () if to_the_floor else range(problem.count):
             tries = [replace(noise, factor=_put(noise.factor, c, f)) for f in LAW_NOISE.white]
             found = [of(one) for one in tries]
             noise, best = tries[int(np.argmax(found))], max(found)

@@ -89,7 +89,9 @@ class Whitener:
     def like(self, other: Whitener) -> bool:
         """Whether it whitens as another does."""
         mine, its = vars(self.noise), vars(other.noise)
-        return self.problem is other.problem and all(np.array_equal(mine[name], its[name]) for name in mine)
+        one, two = self.problem, other.problem
+        same = one.floor is two.floor and one.t_s is two.t_s and one.jitter is two.jitter
+        return same and all(np.array_equal(mine[name], its[name]) for name in mine)
 
     def channel(self, c: int, columns: Array, out: Array | None = None) -> Array:
         """(k, n) columns of one channel, where channels do not mix; written to `out` where that is given."""

@@ -20,6 +20,13 @@ class LawGroupsPolicy:
     """Functions of each covariate in a product, order 0 among them. Source: orders 0 to 5 in the same trial."""
     pair_turns: int = 3
     """Whole orders of toolface in a product. Source: chosen, about as many functions as of another covariate."""
+    onset_values: int = 3
+    """Values on either side of an onset, at least. Source: two are fitted by a constant and a slope."""
+    finer_orders: int = 9
+    """Functions of each covariate in a product that was found, order 0 not counted. Source: waves of a length of a
+    fifth of the range, as a law of one covariate of medium smoothness has them."""
+    finer_turns: int = 6
+    """Whole orders of toolface in such a product. Source: half of those of a law of the toolface alone."""
     pairs: int = 20
     """Pairs of covariates that are tried side by side in a place, about. Source: the list of pairs."""
     steps: int = 48
@@ -58,6 +65,11 @@ class LawEvidencePolicy:
 
     lengths: tuple[float, ...] = (1.0, 2.0, 4.0, 8.0)
     """Orders beyond which the prior falls off. Source: the grid of the trial that set the method."""
+    rough: float = 2.0
+    """Length at which a group is looked at first. Source: chosen; in the middle of the grid."""
+    slack: float = 6.0
+    """Nats that another length may add to a group that is of interest. Source: chosen; a law of a few tens of nats
+    shows few of its functions, and none but the rough ones differ by more from length to length."""
     undetermined: float = 0.01
     """Variance that data add to a combination of a law's functions, in units of the prior's, below which noise is
     learnt without it. Source: it moves the evidence by less than 0.005 nat each."""
@@ -135,31 +147,81 @@ class LawSearchPolicy:
     gain: float = 12.0
     """Nats that a law must be worth with the noise learnt again. Source: 0 of 65 sessions without a law had one, in
     the trial that set the method."""
+    each: float = 6.0
+    """Nats that each law must be worth where sets of them are compared. Source: as `LAW_VERDICT.each`."""
     most: int = 6
     """Laws of one session, at most. Source: chosen; decks have up to four."""
     most_first: int = 4
     """Laws taken before any noise is learnt, at most. Source: chosen; coloured noise would be given any number."""
-    simpler: float = 6.0
-    """Nats by which a law of two covariates must be ahead of one of these alone. Source: chosen; within the class."""
+    simpler: float = 12.0
+    """Nats by which a law of two covariates must be ahead of one of these alone. Source: a further covariate is a
+    further claim, and must be worth as much as a law; of 6 nats a product over all pairs of covariates took the place
+    of its true factor in heavy-tailed noise (law/294 of the open world of seed pl-tune-1)."""
+    named: float = 6.0
+    """Nats behind the best law within which an effect of the library is taken in its place. Source: chosen; within the
+    class."""
     rival_gain: float = 1.0
     """Nats by which another group must be ahead to take a law's place. Source: chosen; less is a tie."""
+    variant: float = 12.0
+    """Nats by which a variant, with an onset or of finer functions, must be ahead of a law. Source: as `simpler`."""
     tie: float = 1e-3
     """Nats within which groups tie, and the first of them is taken. Source: an offset and a cross-axis element of the
     load at one inclination differ by 1e-8, with the processor's rounding (tests/unit/test_diagnosis_rotation.py)."""
+    finer_shapes: int = 9
+    """Values of a shape parameter that are tried between two neighbours of the one found. Source: chosen; of time
+    constants a factor of four apart three rounds leave steps of 1 %, and half of such a step leaves 0.1 of a strength
+    of 1e5 (a decay changes by a tenth of itself with the logarithm of its time constant, sizes refitted)."""
+    shape_rounds: int = 3
+    """Rounds of that. Source: as `finer_shapes`."""
+    shape_step: float = 1e-3
+    """Step of a shape parameter, as a share of itself, over which its slope is taken. Source: a second difference of
+    1e-6 beside it, and rounding of 1e-13."""
     rounds: int = 2
     """Rounds of rival refits. Source: chosen; the third changed nothing in the trial."""
     same: float = 8.0
     """Nats behind the best within which a group is in the class. Source: truth in the class 97.5 % of 239 sessions."""
     same_confounded: float = 20.0
     """As `same`, where one covariate is a function of the other in the session. Source: the same trial."""
+    reproduced: float = 12.0
+    """Strength of a law that another group cannot do, below which this session does not tell them apart, if the group
+    is within `same_confounded`. Source: `diagnosis.core.policy.RIVALS.same_class_evidence`, the same for names."""
     function: float = 0.98
     """Share of a covariate's variance that a smooth function of another explains, from which it is one of it. Source:
     chosen; the rest of a confounded pair is its noise."""
+    one_quantity: float = 0.99
+    """The same of each by the other, from which they are one quantity, and a law of the one is a law of the other.
+    Source: fourteen cosines of the load along the tool leave 0.0015 to 0.0055 of the inclination (24 to 200 poses at
+    random), as its slope has no end at 0 and 180 deg; fourteen of the inclination leave 1e-5 of that load."""
+    most_rivals: int = 4
+    """Laws that are told with a name. Source: chosen; a reader wants few."""
     most_class: int = 12
     """Members of a class that are reported. Source: chosen; a reader wants few."""
 
 
 LAW_SEARCH = LawSearchPolicy()
+
+
+@dataclass(frozen=True)
+class LawSinceMovePolicy:
+    """Laws of the time since the last move."""
+
+    poses: int = 12
+    """Poses from which they are sought. Source: as many as a stepped session has at least."""
+    rows: int = 5
+    """Rows of each pose from which they are sought. Source: a mean, a line, a decay and one to spare, and two steps of
+    second differences at a distance of two rows."""
+    tried: int = 16
+    """Time constants tried, and as many again about the best. Source: chosen; neighbours differ by less than a third
+    in poses of up to fifty rows."""
+    shortest: float = 0.7
+    """Shortest of them, in steps from row to row. Source: chosen; half is gone in half a step."""
+    straight: float = 100.0
+    """Time constant, in lengths of a pose, of a decay that is a straight line. Source: it bends by a half per cent."""
+    least: float = 1e-9
+    """Noise of a row beside the largest reading, at least. Source: rounding."""
+
+
+LAW_SINCE_MOVE = LawSinceMovePolicy()
 
 
 @dataclass(frozen=True)
@@ -237,6 +299,36 @@ LAW_FORMULAS = LawFormulasPolicy()
 
 
 @dataclass(frozen=True)
+class ClosedRivalsPolicy:
+    """Closed forms beside names, where only |g| is known."""
+
+    ahead: float = 6.0
+    """Nats by which a form must be ahead of a name for the name to be withdrawn. Source: as
+    `LawFormulasPolicy.margin`."""
+    behind: float = 6.0
+    """Nats behind a name within which a form that runs differently is told beside it. Source: as `ahead`."""
+    differs: float = 0.9
+    """Share of a form that the name can do as well, below which it runs differently: of one that is more like it
+    `shape_within` speaks. Source: as `LawVerdictPolicy.resembles`."""
+    same: float = 0.99
+    """Share of a form that the name can do as well, from which the two are one. Source: what 18 named effects of
+    strength 400 left room for (`python -m studies.hand_outsiders effects --first-seed 500`)."""
+    tied: float = 3.0
+    """Nats ahead of a name from which a form that runs nearly as it does is told beside it. Source: strong evidence
+    (Kass and Raftery 1995); in the same 18 no such form was ahead by more than 1.8."""
+    most: int = 3
+    """Forms that are told, at most. Source: as `LawFormulasPolicy.most`."""
+    shown: float = 1e-4
+    """Share of a column outside of what is free, below which it is rounding. Source: as
+    `MagnitudeNoisePolicy.independent`."""
+    ridge: float = 1e-9
+    """Share of a column's size added where those of one form run together. Source: as `LawEvidencePolicy.ridge`."""
+
+
+CLOSED_RIVALS = ClosedRivalsPolicy()
+
+
+@dataclass(frozen=True)
 class LawFloorPolicy:
     """The noise floor that the misfit has no part in."""
 
@@ -297,6 +389,8 @@ class LawVerdictPolicy:
     second_order: float = 20.0
     """Chi-square of what laws do beyond first order, from which they are looked for again with it taken out. Source:
     chosen; below it no further law is made of it."""
+    turns: int = 2
+    """Times that they are. Source: chosen; the second changed laws of a degree by less than their band."""
     large: float = 0.25
     """Share of a law's largest departure from its median from which it is large there. Source: chosen; a bump is
     located by 3.3 of its standard deviations."""
@@ -307,8 +401,30 @@ class LawVerdictPolicy:
     least_share: float = 1e-5
     """Share of the misfit below which a law beside names is none. Source: two effects of 30 mg (lever arm, late clock)
     leave 3e-7 of what they do to the means over cells (tests/unit/test_diagnosis_long.py)."""
-    turns: int = 2
-    """Times that they are. Source: chosen; the second changed laws of a degree by less than their band."""
+    memory: float = 12.0
+    """Nats by which noise that is correlated from pose to pose must be ahead of noise that is not, to be what is left.
+    Source: as `LawSearchPolicy.gain`."""
+    poses_a_function: int = 3
+    """Poses for each function of a law, from which errors of the set angles are distinguished from a law of them.
+    Source: chosen; of 36 poses a law of strength 53,000 was taken for such errors (law/272 of the open world of seed
+    pl-tune-1), and they were distinguished in sessions of 53 poses and more."""
+    hidden: float = 100.0
+    """Chi-square above the floor that errors of the set angles take, from which a law may be hidden in them. Source: a
+    quarter of the strength at which laws are to be found (400)."""
+    repeats: float = 5.0
+    """Nats by which readings that repeat worse than they scatter must be ahead of readings that do not, beside errors
+    of the set angles, to be what is left. Source: of 26 sessions of 18 to 42 poses without any effect the largest was
+    2.5, where the sizes on the grid were 1.35 and the verdict `unknown`; 25 fresh ones had no alarm."""
+    set_angles_rad: float = 1.8e-4
+    """rad; errors of the set angles that a bench has without anything being left out. Source: a table of steps of 0.018
+    deg, pose and station together (`pose_error`: 1.3e-4 rad), and what 20 poses know of it (a standard deviation to a
+    sixth, two of them)."""
+    independent: float = 10.0
+    """Independent stretches, two memories of the noise apart, below which noise that is correlated from pose to pose
+    is not distinguished from something slow. Source: as `ColourPolicy.few`."""
+    far_above: float = 2.0
+    """Standard deviations of a channel in those of its noise floor, from which such noise must be. Source: sealed null
+    sessions whose noise is correlated from pose to pose leave 1.35 to 1.5 (`ProblemPolicy.floor_ratio`)."""
     resembles: float = 0.9
     """Share of a law that an effect of the library explains, from which the law resembles it. Source: chosen; the rest
     is more than the band of a law of strength 400."""

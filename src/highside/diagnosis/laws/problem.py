@@ -32,6 +32,11 @@ class PlaceField:
         """(C,) on which channels."""
         return np.asarray(np.any(self.field != 0, axis=1))
 
+    @cached_property
+    def channels(self) -> tuple[int, ...]:
+        """Numbers of these."""
+        return tuple(int(c) for c in np.flatnonzero(self.acts))
+
 
 def fields_that_act(fields: Iterable[PlaceField]) -> tuple[PlaceField, ...]:
     """Those that do more than rounding does, beside the largest of them."""
@@ -61,6 +66,10 @@ class LawProblem:
     """names of the channels, as they are reported"""
     orders: tuple[float, ...] = ()
     """orders of the turn at which the readings have a line"""
+    memory: bool = True
+    """noise may have a memory from value to value"""
+    every_pair: bool = False
+    """products of any two covariates are tried, not of the usual ones alone: of few values they cost little"""
 
     @property
     def n(self) -> int:

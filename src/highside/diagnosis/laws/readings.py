@@ -7,6 +7,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from highside.physics.covariates import FILTERED
+
 
 @dataclass(frozen=True)
 class Reading:
@@ -23,14 +25,14 @@ READINGS = (
     Reading(("offset",), ("temp",), (), "temperature drift of the zero offset", "a ramp up and one down"),
     Reading(
         ("offset",),
-        ("temp_filtered_300", "temp_filtered_1200", "temp_rate"),
+        (*FILTERED, "temp_rate"),
         (),
         "temperature differences within the sensor, or a thermometer away from it",
         "hold a temperature until nothing changes",
     ),
     Reading(
         ("scale",),
-        ("temp", "temp_filtered_300", "temp_filtered_1200"),
+        ("temp", *FILTERED),
         (),
         "temperature coefficient of one axis' scale",
         "the same poses at two temperatures",
@@ -44,7 +46,7 @@ READINGS = (
     ),
     Reading(
         ("matrix",),
-        ("temp", "temp_filtered_300"),
+        ("temp", *FILTERED),
         (),
         "the axes turn against the housing as it warms",
         "the same poses at two temperatures",

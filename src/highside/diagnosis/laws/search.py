@@ -10,12 +10,16 @@ from functools import cached_property
 import numpy as np
 
 from highside.arrays import Array
+from highside.diagnosis.core.regression import flattened
+from highside.diagnosis.laws.effects import EffectGroup
 from highside.diagnosis.laws.evidence import Families, LawTerm, Prior, Whitened, raw_columns
-from highside.diagnosis.laws.groups import LawGroup, confounded, groups_of, values_of
+from highside.diagnosis.laws.groups import LawGroup, confounded, groups_of, one_quantity, same_angle, values_of
 from highside.diagnosis.laws.learning import NoiseLearner
 from highside.diagnosis.laws.noise import LawNoise, Whitener
 from highside.diagnosis.laws.policy import LAW_SEARCH
 from highside.diagnosis.laws.problem import LawProblem
+from highside.diagnosis.laws.variants import as_simple, variants_of
+from highside.physics.law import Axis
 
 
 @dataclass(frozen=True)
@@ -41,6 +45,16 @@ class Found:
         gains, _ = self.whitened().scores(list(self.terms), within=0.0)
         return float(np.max(gains, initial=-np.inf))
 
+    @cached_property
+    def without_memory(self) -> float:
+        """Evidence of the terms beside the best noise that is not correlated from value to value."""
+        return NoiseLearner(self.problem).without_memory(self.terms, self.residual)
+
+    @cached_property
+    def to_the_floor(self) -> float:
+        """Evidence of the terms beside the floor and errors of the set angles, and nothing else."""
+        return NoiseLearner(self.problem).without_memory(self.terms, self.residual, to_the_floor=True)
+
     def whitened(self) -> Whitened:
         """Everything under the noise that was learnt."""
         return Whitened(self.families, Whitener(self.problem, self.noise), self.residual)
@@ -53,21 +67,43 @@ class _State:
     evidence: float
     residual: Array
 
+    @property
+    def worth(self) -> float:
+        """Its evidence less what each law must be worth: of sets that explain as much the one of fewer laws stays."""
+        return self.evidence - LAW_SEARCH.each * len(self.terms)
+
 
 class Search:
     """One session's search."""
 
-    def __init__(self, problem: LawProblem, groups: list[LawGroup] | None = None) -> None:
+    def __init__(self, problem: LawProblem, groups: list[LawGroup] | None = None, *, variants: bool = True) -> None:
         self.problem = replace(problem, free=independent(problem.free, problem.floor))
         self.groups = groups_of(self.problem) if groups is None else groups
         self.families = Families(self.problem, self.groups)
         self.learner = NoiseLearner(self.problem)
+        self._variants = variants
+        self._tried: set[LawGroup] = set()
+        """groups whose variants were looked at"""
         self._learnt: list[tuple[Array, dict[tuple[tuple[float, ...], ...], tuple[LawNoise, float]]]] = []
+
+    def of_residual(self, residual: Array) -> Search:
+        """The same search of another residual (C, n); groups and all that was whitened are shared."""
+        made = copy(self)
+        made.problem = replace(self.problem, residual=residual)
+        made._tried = set()
+        return made
 
     def without_effects(self) -> Search:
         """The same search among laws alone; what was learnt and whitened is shared."""
         made = copy(self)
         made.families = self.families.without_effects()
+        return made
+
+    def beside_names(self, names: Sequence[LawGroup]) -> Search:
+        """The same search with further groups, effects of the library."""
+        made = copy(self)
+        made.groups, made._tried = [*self.groups, *names], set()
+        made.families = Families(self.problem, made.groups)
         return made
 
     def run(self) -> Found:
@@ -83,11 +119,11 @@ class Search:
         other = self._grown(_State([], floor, -np.inf, self.problem.residual), relearn=False)
         one = self._proved(self._grown(first, relearn=True))
         two = self._learn(other.terms, self.problem.residual)
-        # as it stands it may have a law too many; noise that explains more than all of them needs no further look
-        if two.evidence < one.evidence + LAW_SEARCH.gain or _which(two.terms) == _which(one.terms):
+        # noise that explains more than all of its laws needs no further look
+        if two.worth < one.worth or _which(two.terms) == _which(one.terms):
             return self._found(one)
         two = self._proved(self._grown(self._proved(two), relearn=True))
-        return self._found(max((one, two), key=lambda s: s.evidence))
+        return self._found(max((one, two), key=lambda s: s.worth))
 
     def beside(self, fixed: Sequence[LawGroup], terms: Sequence[LawTerm]) -> Found:
         """These groups and the laws of another search; of them stays what is worth it, with the noise learnt again."""
@@ -152,14 +188,72 @@ class Search:
                 break
             terms = [*state.terms, LawTerm(self.groups[best], priors[best])]
             if relearn:
-                state = self._learn(self._refitted_with_rivals(white, terms), self.problem.residual)
+                terms = self._varied(state, self._refitted_with_rivals(white, terms))
+                state = self._learn(terms, self.problem.residual)
             else:
-                state = replace(state, terms=terms)
-        return (
-            state
-            if relearn or not state.terms
-            else replace(state, terms=self._refitted_with_rivals(white, state.terms))
-        )
+                state = replace(state, terms=self._varied(state, terms))
+        if not state.terms:
+            return state
+        if not relearn:
+            return replace(state, terms=self._varied(state, self._refitted_with_rivals(white, state.terms)))
+        terms = self._varied(state, state.terms)
+        return state if _which(terms) == _which(state.terms) else self._learn(terms, self.problem.residual)
+
+    def _varied(self, state: _State, terms: list[LawTerm]) -> list[LawTerm]:
+        """Each term, or a variant of it that gains more beside the others: with an onset, or of finer functions."""
+        for k, term in enumerate(terms):
+            if term.group in self._tried or not self._variants:
+                continue
+            self._tried.add(term.group)
+            if isinstance(term.group, EffectGroup):
+                terms = self._sharpened(state, terms, k)
+                continue
+            variants = variants_of(self.problem, term.group)
+            if not variants:
+                continue
+            others = [t for i, t in enumerate(terms) if i != k]
+            whitener = Whitener(self.problem, state.noise)
+            own = Families(self.problem, [term.group, *variants])
+            gains, priors = Whitened(own, whitener, state.residual).scores(others)
+            if not np.isfinite(gains[0]):
+                # beside the others nothing is left of it that a variant could do better
+                continue
+            # what has a covariate less need only come near
+            fewer = [max(len(term.group.axes) - len(g.axes), 0) for g in own.groups]
+            gains = gains + LAW_SEARCH.simpler * np.array(fewer)
+            alike = [as_simple(term.group, g) for g in own.groups]
+            least = np.where(alike, LAW_SEARCH.rival_gain, LAW_SEARCH.variant)
+            least[np.array(fewer) > 0], least[0] = 0.0, 0.0
+            ahead = gains - gains[0] - least
+            best = int(np.argmax(ahead))
+            if best and ahead[best] > 0:
+                if not alike[best]:
+                    self._tried.add(own.groups[best])
+                self.groups.append(own.groups[best])
+                self.families = Families(self.problem, self.groups)
+                terms = [LawTerm(own.groups[best], priors[best]) if i == k else t for i, t in enumerate(terms)]
+        return terms
+
+    def _sharpened(self, state: _State, terms: list[LawTerm], k: int) -> list[LawTerm]:
+        """The terms with an effect of the library at the best of its shapes between those that are tried."""
+        others = [t for i, t in enumerate(terms) if i != k]
+        whitener, best = Whitener(self.problem, state.noise), terms[k]
+        for _ in range(LAW_SEARCH.shape_rounds):
+            assert isinstance(best.group, EffectGroup)
+            finer = best.group.finer()
+            if not finer:
+                break
+            gains, priors = Whitened(Families(self.problem, list(finer)), whitener, state.residual).scores(others)
+            at = int(np.argmax(gains))
+            if not np.isfinite(gains[at]):
+                break
+            best = LawTerm(finer[at], priors[at])
+        if best is terms[k]:
+            return terms
+        self._tried.add(best.group)
+        self.groups.append(best.group)
+        self.families = Families(self.problem, self.groups)
+        return [best if i == k else t for i, t in enumerate(terms)]
 
     def _refitted_with_rivals(self, white: Whitened, terms: list[LawTerm]) -> list[LawTerm]:
         """Each term beside the others as its best prior has it, or another group in its place."""
@@ -183,7 +277,7 @@ class Search:
         # groups that are the same functions in this recording tie to rounding: the first of them on any processor
         best = int(np.argmax(gains >= float(gains.max()) - LAW_SEARCH.tie))
         own = self.groups[best]
-        named = [i for i, g in enumerate(self.groups) if g.effect and gains[i] > gains[best] - LAW_SEARCH.simpler]
+        named = [i for i, g in enumerate(self.groups) if g.effect and gains[i] > gains[best] - LAW_SEARCH.named]
         if named and not own.effect:
             return max(named, key=lambda i: float(gains[i]))
         if len(own.axes) < 2:
@@ -206,7 +300,7 @@ class Search:
             terms = [t for i, t in enumerate(state.terms) if i != worst]
             state = self._learn(terms, self.problem.residual)
             if terms:
-                terms = self._refitted_with_rivals(self._whitened(state), terms)
+                terms = self._varied(state, self._refitted_with_rivals(self._whitened(state), terms))
                 state = self._learn(terms, self.problem.residual)
         return state
 
@@ -226,7 +320,7 @@ class Search:
         classes = []
         for k in range(len(terms)):
             gains, _ = white.scores([t for i, t in enumerate(terms) if i != k])
-            classes.append(self._class(terms[k].group, gains))
+            classes.append(self._class(white, terms, k, gains))
         own_gains = tuple(costs[k] for k in order)
         return Found(
             self.problem,
@@ -239,10 +333,12 @@ class Search:
             self.families,
         )
 
-    def _class(self, own: LawGroup, gains: Array) -> tuple[LawGroup, ...]:
+    def _class(self, white: Whitened, terms: list[LawTerm], k: int, gains: Array) -> tuple[LawGroup, ...]:
         """Groups of which this session cannot tell one from another, one of each kind."""
+        own = terms[k].group
+        does = white.left_of(terms, [k])
         best = float(gains.max())
-        found: list[LawGroup] = [own]
+        found: list[LawGroup] = [own, *self._twins(own)]
         for i in np.argsort(-gains):
             group = self.groups[int(i)]
             behind = best - float(gains[i])
@@ -250,9 +346,32 @@ class Search:
                 break
             if any(group.kind == g.kind for g in found):
                 continue
-            if behind <= LAW_SEARCH.same or self._confounded(own, group):
+            if behind <= LAW_SEARCH.same or self._confounded(own, group) or white.reproduces(does, group):
                 found.append(group)
         return tuple(found)
+
+    def _twins(self, own: LawGroup) -> list[LawGroup]:
+        """The same functions in a place of which one unit does the same: it is not tried by itself."""
+        if own.effect or len(own.units) != 1:
+            return []
+        places = [p for p in self.problem.places if same_angle(own.units[0], p)]
+        twins = [replace(own, units=(place,)) for place in places]
+        return twins + [replace(own, axes=axes) for axes in self._same_quantities(own)]
+
+    def _same_quantities(self, own: LawGroup) -> list[tuple[Axis, ...]]:
+        """The axes of a law with another covariate that is one quantity with its own in this session, as the load along
+        the tool is with the inclination: a function of the one is a function of the other, and may not be tried."""
+        made, unit = [], own.units[0]
+        for k, axis in enumerate(own.axes):
+            values = values_of(self.problem, axis.covariate, unit)
+            for name, every in self.problem.covariates.items():
+                if name in own.depends_on or (every.ndim == 2 and unit.own < 0):
+                    continue
+                other = values_of(self.problem, name, unit)
+                if one_quantity(values, other, LAW_SEARCH.one_quantity):
+                    renamed = replace(axis, covariate=name, low=float(other.min()), high=float(other.max()))
+                    made.append((*own.axes[:k], renamed, *own.axes[k + 1 :]))
+        return made
 
     def _confounded(self, one: LawGroup, other: LawGroup) -> bool:
         """Whether what sets two groups apart are covariates of which one is a function of the other here."""
@@ -277,7 +396,7 @@ def independent(free: Array, floor: Array) -> Array:
     """(Q, C, n) columns that span what is free, each of the size of the floor and none twice."""
     if not len(free):
         return free
-    white = (free / floor).reshape(len(free), -1)
+    white = flattened(free / floor)
     size = np.linalg.norm(white, axis=1, keepdims=True)
     white = white[size[:, 0] > 0] / size[size[:, 0] > 0]
     _, values, rows = np.linalg.svd(white, full_matrices=False)

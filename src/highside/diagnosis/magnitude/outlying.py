@@ -10,8 +10,10 @@ import numpy as np
 from highside.diagnosis.core.fit import base_fit
 from highside.diagnosis.core.floor import NoiseFloor
 from highside.diagnosis.core.outlying import outlying_findings
+from highside.diagnosis.core.regression import span
 from highside.diagnosis.core.result import Finding
 from highside.diagnosis.magnitude.observed import Magnitudes
+from highside.diagnosis.magnitude.policy import MAGNITUDE_SESSIONS
 from highside.diagnosis.magnitude.session import Ints, MagnitudeSession
 from highside.physics.forward import ForwardModel
 
@@ -35,6 +37,20 @@ def without_outlying_readings(
 
     out, findings = outlying_findings(residual, columns, ("g_total",), place)
     return (_select(session, np.setdiff1d(np.arange(session.n), out)), findings) if out else (session, ())
+
+
+def too_few(session: MagnitudeSession, model: ForwardModel, free: Sequence[str]) -> tuple[str, str] | None:
+    """Of a few averages beside what may be refitted: in words why nothing can be tested, and what would help; None
+    where they are enough."""
+    if not session.few:
+        return None
+    observed = Magnitudes(session)
+    rank = len(span(observed.jacobian(base_fit(model, observed, free)[0], free)[:, 0])) if free else 0
+    least = rank + MAGNITUDE_SESSIONS.least_room
+    if session.n >= least:
+        return None
+    why = f"{session.found}, of which {', '.join(free)}, which may be refitted, take up {rank}"
+    return why, f"measure at least {least} attitudes all over the sphere; or let less be refitted ([sensor] free)"
 
 
 def _select(session: MagnitudeSession, readings: Ints) -> MagnitudeSession:

@@ -12,12 +12,14 @@ import numpy as np
 from highside.arrays import Array
 from highside.diagnosis.core.candidate_set import CandidateSet, Term, ranked, ranking, span_with
 from highside.diagnosis.core.candidates import pose_candidates, unnamed_interactions
+from highside.diagnosis.core.causes import located_by_cause
 from highside.diagnosis.core.fit import JointFit, base_fit, joint_fit
 from highside.diagnosis.core.floor import Excess, excess
 from highside.diagnosis.core.held_out import HeldOutBlocks, block_gain
 from highside.diagnosis.core.independent_noise import IndependentNoise
 from highside.diagnosis.core.memory import Channel, Likelihoods, Memory, SlowEffect
 from highside.diagnosis.core.policy import CANDIDATE_SET, HELD_OUT, INTERVALS, REGRESSION, SELECTION
+from highside.diagnosis.core.problem import ReportData, parts_of
 from highside.diagnosis.core.problem_policy import ProblemPolicy
 from highside.diagnosis.core.regression import outside, span
 from highside.diagnosis.core.repeatability import Remaining
@@ -326,6 +328,7 @@ class MagnitudeProblem(IndependentProblem):
         if left is not None:
             slow = [c for c in self.candidates if c.slow and c.named]
             diagnosis = with_what_is_left(diagnosis, left, self.session, slow, self.base[:, 0], self.residual[0])
+        diagnosis = located_by_cause(diagnosis, self.model.without(*self.about), self.session.state)
         if not self.session.rest or not diagnosis.claims:
             return diagnosis
         words = (
@@ -349,6 +352,14 @@ class MagnitudeProblem(IndependentProblem):
             why = f"it is adjusted, but in the attitudes of this recording {', '.join(rivals)} would do the same"
             found.append(NotTestable(name, why, get(name).splitter))
         return found
+
+    def report_data(self, fit: JointFit | None) -> ReportData:
+        base = self.model.without(*self.about)
+        return replace(
+            super().report_data(fit),
+            parts=parts_of(base, fit, self.observed),
+            sigma=(float(np.sqrt(np.mean(self.noise.std**2))),),
+        )
 
     def noise_summary(self) -> dict[str, Any]:
         return {

@@ -59,6 +59,11 @@ class MagnitudeSession:
         """Number of readings."""
         return int(self.mean.shape[1])
 
+    @property
+    def few(self) -> bool:
+        """Whether these are so few averages that any function of anything fits them, and no law is sought."""
+        return not self.rest and self.n < MAGNITUDE_SESSIONS.min_attitudes
+
     @cached_property
     def direction(self) -> Array:
         """(3, n) unit vectors of the readings as they are, each attitude's mean."""
@@ -108,7 +113,9 @@ def magnitude_session(columns: Mapping[str, Array], accel_g: Array, *, gravity_m
         return error.what
     rows = [interval.rows() for interval in intervals]
     attitudes, found = _announced(accel_g, rows, rate_hz)
-    if attitudes >= MAGNITUDE_SESSIONS.min_attitudes:
+    averages = all(r.size == 1 for r in rows)
+    known = averages and _floor(columns, accel_g, rows) is not None
+    if attitudes >= (MAGNITUDE_SESSIONS.few_attitudes if known else MAGNITUDE_SESSIONS.min_attitudes):
         session = _session(columns, accel_g, rows, np.arange(len(rows)), False, attitudes, found, gravity_mps2)
         return replace(session, expected=_held(columns, accel_g, rate_hz))
     if "pose" not in columns:
@@ -124,8 +131,10 @@ def magnitude_session(columns: Mapping[str, Array], accel_g: Array, *, gravity_m
     long = np.bincount(group, minlength=len(rows)) >= MAGNITUDE_SESSIONS.min_share * len(blocks)
     blocks, group = [b for b, g in zip(blocks, group, strict=True) if long[g]], group[long[group]]
     if still < MAGNITUDE_SESSIONS.min_rest_s or len(blocks) < MAGNITUDE_SESSIONS.min_blocks:
+        fewer = f" ({MAGNITUDE_SESSIONS.few_attitudes} with columns n, std_ax, std_ay, std_az: how well they repeat)"
         return (
-            f"{found}: for the sensor's matrix at least {MAGNITUDE_SESSIONS.min_attitudes} attitudes are "
+            f"{found}: for the sensor's matrix at least {MAGNITUDE_SESSIONS.min_attitudes} attitudes"
+            f"{fewer if averages else ''} are "
             f"needed, for what follows time or temperature at least {MAGNITUDE_SESSIONS.min_rest_s:.0f} s at rest"
         )
     steady = _without_jumps(accel_g, blocks)
@@ -179,6 +188,8 @@ def _announced(accel_g: Array, rows: list[Ints], rate_hz: float) -> tuple[int, s
         )
         + 1
     )
+    if all(r.size == 1 for r in rows):
+        return attitudes, f"{len(rows)} averages in {attitudes} attitudes"
     still = sum(r.size for r in rows) / rate_hz
     return attitudes, f"{len(rows)} still intervals in {attitudes} attitudes, {still:.0f} s in all"
 
@@ -264,9 +275,11 @@ def _floor(columns: Mapping[str, Array], accel_g: Array, rows: list[Ints]) -> No
     return floor_of_means(np.linalg.norm(accel_g, axis=0)[None], rows)
 
 
-def nothing_testable(why: str, intake: tuple[Finding, ...], seed: int, version: str) -> DiagnosisResult:
-    """The answer to a recording that is not still enough: no effect can be tested, and why."""
-    needs = (
+def nothing_testable(
+    why: str, intake: tuple[Finding, ...], seed: int, version: str, needs: str = ""
+) -> DiagnosisResult:
+    """The answer to a recording that is not still enough: no effect can be tested, why, and what would `need` to be."""
+    needs = needs or (
         f"hold the tool still in at least {MAGNITUDE_SESSIONS.min_attitudes} attitudes all over the sphere, a few "
         "seconds each, or leave it at rest for minutes; or record its attitude"
     )

@@ -1,8 +1,9 @@
 """The numbers that decide for stepped sessions.
 
-Each stands with its unit, what it means, and the reference or the run that set it. *Chosen* names the commit in which
-a value was put there by judgement: no run that varied it is on record. They are no settings for users: whoever moves
-one puts the engine to the sealed cases again (studies/sealed/score.py).
+Each stands with its unit, what it means, and the reference or the run that set it. *Chosen* names the commit in which a
+value was put there by judgement, before any run; *studies.thresholds* (python -m) the range of such a value in which no
+answer of its recordings changes. They are no settings for users: whoever moves one puts the engine to the sealed cases
+again (studies/sealed/score.py).
 """
 
 from __future__ import annotations
@@ -20,22 +21,22 @@ class PoseNoisePolicy:
     """The noise of poses."""
 
     quietest: float = 0.02
-    """Share of the noisiest channel's noise that every channel is taken to have. Chosen in 88fce7b; no run is
-    recorded."""
+    """Share of the noisiest channel's noise that every channel is taken to have. Source: studies.thresholds, 0.01 to
+    0.04."""
     table_gain: float = 9.0
-    """-2 log likelihood, gain from which the bench's own scatter is believed. Chosen in 21ed34d; no run is recorded."""
+    """-2 log likelihood, gain from which the bench's own scatter is believed. Source: studies.thresholds, 4.5 to 18."""
     stretch: int = 16
-    """Poses of a stretch over which the size of the noise is averaged. Chosen in 36be2bd; no run is recorded."""
+    """Poses of a stretch over which the size of the noise is averaged. Source: studies.thresholds, 8 to 32."""
     uneven: float = 0.01
-    """Chance at which even noise would be taken for uneven. Chosen in 36be2bd; no run is recorded."""
+    """Chance at which even noise would be taken for uneven. Source: studies.thresholds, 0.005 to 0.02."""
     powers: Array = field(default_factory=lambda: np.linspace(0.0, 1.5, 16))
     """Powers of the scatter within poses that the scatter from pose to pose is tried to go with. Chosen in 36be2bd; no
     run is recorded."""
     components: int = 5
-    """Sizes of the noise that are fitted where the bench scatters: three sensors and two angles. Chosen in a6e3bcd; no
-    run is recorded."""
+    """Sizes of the noise that are fitted where the bench scatters: three sensors and two angles. Source:
+    studies.thresholds, 5 to 10."""
     least_square: float = 1e-6
-    """Least mean square within poses, beside the mean of all. Chosen in 36be2bd; no run is recorded."""
+    """Least mean square within poses, beside the mean of all. Source: studies.thresholds, 5e-07 to 2e-06."""
     start: tuple[float, ...] = (-0.3, -0.3, -0.3, -0.5, -0.5)
     """Logarithms of the five sizes, in those of the residual, from which the likelihood is climbed. Chosen in 63c0b1b;
     no run is recorded."""
@@ -44,9 +45,9 @@ class PoseNoisePolicy:
     angle_bounds: tuple[int, int] = (-6, 4)
     """Logarithms between which a bench angle's size is sought. Chosen in 63c0b1b; no run is recorded."""
     turns: int = 40
-    """Turns of the climb, at most. Chosen in 63c0b1b; no run is recorded."""
+    """Turns of the climb, at most. Source: studies.thresholds, 20 to 80."""
     settled: float = 1e-7
-    """Relative change of the likelihood at which the climb ends. Chosen in 63c0b1b; no run is recorded."""
+    """Relative change of the likelihood at which the climb ends. Source: studies.thresholds, 5e-08 to 2e-07."""
     ridge: float = 1e-9
     """Share of the trace that is added to the expected second derivatives: a size at its lower bound has next to none.
     Source: rounding, of five numbers with margin."""
@@ -57,7 +58,7 @@ class PoseNoisePolicy:
     """Halvings of a step that gains nothing, before the climb has ended: it is then 1/4,000 of itself. Source: the same
     sessions."""
     stretches: int = 4
-    """Stretches of a session from which its noise is known to change. Chosen in 36be2bd; no run is recorded."""
+    """Stretches of a session from which its noise is known to change. Source: studies.thresholds, 2 to 8."""
 
 
 POSE_NOISE = PoseNoisePolicy()

@@ -13,11 +13,12 @@ from highside.diagnosis.core.candidate_set import Term
 from highside.diagnosis.core.candidates import CHANNELS, pose_candidates, unnamed_interactions
 from highside.diagnosis.core.causes import located_by_cause
 from highside.diagnosis.core.effect_scores import WhiteLaw
-from highside.diagnosis.core.fit import JointFit, Observed, base_fit
+from highside.diagnosis.core.fit import JointFit, base_fit
 from highside.diagnosis.core.floor import Excess, excess
 from highside.diagnosis.core.location import locate_whole, pose_bases, pose_cells
 from highside.diagnosis.core.memory import Memory
 from highside.diagnosis.core.method import WHOLE, ProcedureParts
+from highside.diagnosis.core.observed import Observed
 from highside.diagnosis.core.policy import RIVALS, SELECTION
 from highside.diagnosis.core.pooled_laws import pooled_laws
 from highside.diagnosis.core.problem import ReportData, SelectionState, parts_of

@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 
 from highside.arrays import Array
 from highside.calibration.still_intervals import find_still_intervals
-from highside.diagnosis.core.fit import Observed, base_fit
+from highside.diagnosis.core.fit import base_fit
 from highside.diagnosis.core.floor import NoiseFloor, floor_of_means
+from highside.diagnosis.core.observed import Observed
 from highside.diagnosis.core.outlying import outlying_findings
 from highside.diagnosis.core.result import Finding
 from highside.diagnosis.poses.policy import POSE_SESSIONS
@@ -91,7 +92,7 @@ def pose_session(
     for name in ("inc_ref_deg", "tf_ref_deg"):
         if name not in columns and not (name == "tf_ref_deg" and "rotor_deg" in columns):
             raise InputError("is missing", field=name, remedy="a pose reference needs inc_ref_deg and tf_ref_deg")
-    groups = _rows_of_poses(columns, accel_g)
+    groups = rows_of_poses(columns, accel_g)
     if len(groups) < POSE_SESSIONS.min_poses:
         raise InputError(
             f"{len(groups)} poses are too few for a diagnosis", remedy=f"at least {POSE_SESSIONS.min_poses} are needed"
@@ -140,7 +141,7 @@ def _stays(t_s: Array, groups: list[NDArray[np.intp]]) -> tuple[Array, Array]:
     return middle, np.where(length > 0, length + step, 0.0)
 
 
-def _rows_of_poses(columns: Mapping[str, Array], accel_g: Array) -> list[NDArray[np.intp]]:
+def rows_of_poses(columns: Mapping[str, Array], accel_g: Array) -> list[NDArray[np.intp]]:
     """Row numbers of each stop, in time order."""
     if "pose" in columns:
         pose = columns["pose"]

@@ -13,7 +13,7 @@ import numpy as np
 
 from highside.arrays import Array
 from highside.diagnosis.core.candidates import Candidate
-from highside.diagnosis.core.fit import Observed
+from highside.diagnosis.core.observed import Observed
 from highside.diagnosis.core.rivals import beyond
 from highside.diagnosis.rotation.policy import ROTATION_ADVICE
 from highside.diagnosis.rows.session import RotationSession

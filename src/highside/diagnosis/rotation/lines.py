@@ -18,6 +18,7 @@ from highside.diagnosis.rows.design import Line
 from highside.diagnosis.rows.policy import SPECTRUM
 from highside.diagnosis.rows.session import RotationSession
 from highside.diagnosis.rows.spectrum import best_frequency, flattened, heights, highest, strongest_line
+from highside.long_arrays import runs_of
 from highside.physics.effects import all_effects
 
 
@@ -30,14 +31,44 @@ def found_lines(session: RotationSession, residual: Array) -> list[Line]:
     )
     known = [(name, hz) for name, frequency in of_time for hz in frequency.grid if _visible(session, hz)]
     lines = [Line(name, hz, frequencies) for name, hz in known]
-    rows = residual[:3] / residual[:3].std(axis=1, keepdims=True)
-    line = strongest_line(rows, session.places)
+    part = searched(session)
+    some, rows = session.stretch(part), residual[:3, part]
+    rows = rows / rows.std(axis=1, keepdims=True)
+    line = strongest_line(rows, some.places)
     if line is not None:
+        if some.n < session.n:
+            line = _over_all_rows(line, 1.0 / some.n, session.places, residual)
         lines += [Line(name, line / session.step_s, frequencies) for name, _ in of_time]
-    order = _order(session, rows)
+    order = _order(some, rows)
     if order is not None:
+        if some.n < session.n:
+            turned = session.state.tf_rad / (2 * np.pi)
+            order = _over_all_rows(order[0], 1.0 / float(np.ptp(turned[part])), turned, residual), order[1]
         lines += [Line(name, *order) for name, _ in of_turns]
     return lines
+
+
+def searched(session: RotationSession) -> slice:
+    """The rows in which lines are looked for."""
+    first = max(0, session.n - LINES_POLICY.most_rows) // 2
+    return slice(first, min(session.n, first + LINES_POLICY.most_rows))
+
+
+def _over_all_rows(frequency: float, width: float, places: Array, residual: Array) -> float:
+    """A frequency that is known to `width` from a stretch, as all rows (C, N) at their places (N,) have it.
+
+    Rows are summed in short blocks at the frequency found; what is off by less than a width turns by little in a block.
+    """
+    sums, middles = [], []
+    for part in runs_of(residual.shape[-1], LINES_POLICY.most_rows // LINES_POLICY.blocks):
+        own = places[part]
+        sums.append(residual[:3, part] @ np.exp(-2j * np.pi * frequency * own))
+        middles.append(float(own.mean()))
+    at = np.array(middles)
+    step = 1.0 / (LINES_POLICY.finer * max(float(np.ptp(at)), 1.0 / width))
+    off = np.arange(-np.ceil(width / step), np.ceil(width / step) + 1) * step
+    power = np.sum(np.abs(np.array(sums).T @ np.exp(-2j * np.pi * np.outer(at, off))) ** 2, axis=0)
+    return float(frequency + off[int(np.argmax(power))])
 
 
 def _visible(session: RotationSession, hz: float) -> bool:

@@ -8,7 +8,7 @@ is fitted to the other stretches.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,9 +19,10 @@ from highside.diagnosis.core.chunks import chunks_of, in_order
 from highside.diagnosis.core.regression import solved
 from highside.diagnosis.rotation.policy import MEANS
 from highside.diagnosis.rows.design import Design
-from highside.diagnosis.rows.gram import HeldOutRows, Segments
+from highside.diagnosis.rows.gram import HeldOutRows
 from highside.diagnosis.rows.noise import RotationNoise
 from highside.diagnosis.rows.policy import GRAMS
+from highside.diagnosis.rows.segments import Segments
 
 Ints = NDArray[np.intp]
 
@@ -50,19 +51,22 @@ class Sectors:
         """Of columns (K,) and the residual (C, N), in one pass; `ways` of averaging: 0 by the toolface, k by the phase
         of line k - 1."""
         turns = design.turns()
-        within = [np.minimum((turns[way] % 1.0 * MEANS.sectors).astype(np.intp), MEANS.sectors - 1) for way in ways]
-        cells = np.array([np.where(segments.core, segments.fold * MEANS.sectors + sector, -1) for sector in within])
         where = design.where[numbers[numbers >= 0]]
         functions = [np.unique(own[own >= 0]) for own in where.T]
         sums = [np.zeros((own.size + 1, len(ways), GRAMS.folds * MEANS.sectors)) for own in functions]
         rows = [np.zeros((len(ways), GRAMS.folds * MEANS.sectors)) for _ in functions]
+
+        def cells(part: slice) -> Iterator[Ints]:
+            for way in ways:
+                sector = np.minimum((turns[way][part] % 1.0 * MEANS.sectors).astype(np.intp), MEANS.sectors - 1)
+                yield np.where(segments.core[part], segments.fold[part] * MEANS.sectors + sector, -1)
 
         def over(part: slice) -> list[tuple[int, list[Array]]]:
             led = slice(max(0, part.start - noise.lead), part.stop)
             made = design.functions(led, residual, functions)
             white = [noise.whiten(c, each, part) for c, each in enumerate(made)]
             found = []
-            for cell in cells[:, part]:
+            for cell in cells(part):
                 scored = cell[cell >= 0]
                 low, stop = (int(scored.min()), int(scored.max()) + 1) if scored.size else (0, 0)
                 belongs = (cell[:, None] == np.arange(low, stop)).astype(float)

@@ -11,7 +11,8 @@ import numpy as np
 from highside.arrays import Array
 from highside.diagnosis.core.candidate_set import Term
 from highside.diagnosis.core.candidates import Candidate
-from highside.diagnosis.core.fit import JointFit, Observed, base_fit, joint_fit, second_order_of
+from highside.diagnosis.core.fit import JointFit, base_fit, joint_fit, second_order_of
+from highside.diagnosis.core.observed import Observed
 from highside.diagnosis.core.policy import FITS
 from highside.diagnosis.core.problem import Problem
 from highside.diagnosis.rotation.policy import PILOT

@@ -1,8 +1,9 @@
 """The numbers that decide for rotations.
 
-Each stands with its unit, what it means, and the reference or the run that set it. *Chosen* names the commit in which
-a value was put there by judgement: no run that varied it is on record. They are no settings for users: whoever moves
-one puts the engine to the sealed cases again (studies/sealed/score.py).
+Each stands with its unit, what it means, and the reference or the run that set it. *Chosen* names the commit in which a
+value was put there by judgement, before any run; *studies.thresholds* (python -m) the range of such a value in which no
+answer of its recordings changes. They are no settings for users: whoever moves one puts the engine to the sealed cases
+again (studies/sealed/score.py).
 """
 
 from __future__ import annotations
@@ -70,6 +71,15 @@ BURSTS = BurstsPolicy()
 class LinesPolicy:
     """Lines in a rotation."""
 
+    most_rows: int = 1 << 20
+    """Rows in which lines are looked for, in the middle of a longer recording. Source: the spectra of so many take 0.1
+    GiB; a line that a hundredth of its rows would show in all of 20 million needs 4.5 times the size here."""
+    blocks: int = 64
+    """Blocks of so many rows by which the frequency of one that was found is known from all. Source: chosen; within one
+    a wave that is off by what the stretch leaves open turns by a hundredth of a circle."""
+    finer: int = 8
+    """Frequencies that are tried for each that all rows distinguish. Source: chosen; a twelfth of one loses a fiftieth
+    of the power."""
     max_order: float = 60.0
     """Highest order of the rotation that is looked for. Chosen in 9535933; no run is recorded."""
     largest_whole: int = 12

@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 from highside.arrays import Array
 from highside.diagnosis.core.candidate_set import Term
 from highside.diagnosis.core.causes import located_by_cause
-from highside.diagnosis.core.fit import JointFit, Observed, base_fit, joint_fit
+from highside.diagnosis.core.fit import JointFit, base_fit, joint_fit
 from highside.diagnosis.core.held_out import gain_interval
 from highside.diagnosis.core.location import followed
 from highside.diagnosis.core.memory import SlowEffect
 from highside.diagnosis.core.method import WHOLE, ProcedureParts
+from highside.diagnosis.core.observed import Observed
 from highside.diagnosis.core.policy import FITS, RIVALS
 from highside.diagnosis.core.problem import ReportData, SelectionState, parts_of
 from highside.diagnosis.core.problem_policy import ProblemPolicy
@@ -37,11 +38,13 @@ from highside.diagnosis.rows.design import ChainDesign
 from highside.diagnosis.rows.gram import HeldOutRows
 from highside.diagnosis.rows.inner_products import InnerProducts
 from highside.diagnosis.rows.jitter import with_jitter
-from highside.diagnosis.rows.noise import RotationNoise, estimate, plain, rounding
+from highside.diagnosis.rows.noise import RotationNoise, estimate, plain
 from highside.diagnosis.rows.problem import RowsProblem, coordinates_of
+from highside.diagnosis.rows.rounding import rounding
 from highside.diagnosis.rows.session import FIRST_GYRO, RotationSession
 from highside.physics.effect import Stage
 from highside.physics.forward import ForwardModel
+from highside.scratch_arrays import evaluated
 
 Ints = NDArray[np.intp]
 
@@ -79,7 +82,7 @@ class RotationProblem(RowsProblem):
         if subsample is not None and pilot is not None and pilot.has_second_order:
             second_order = pilot_second_order(model, observed, free if method.refit else (), subsample, pilot)
             residual = residual - second_order
-        residual = residual + rounding(session.readings, residual, seed)
+        residual = evaluated(residual + rounding(session.readings, residual, seed))
         design = ChainDesign(session, model, free, found_lines(session, residual), found_step(session, residual))
         noise = estimate(design, residual, seed, coloured=method.colour)
         return cls(
@@ -120,7 +123,7 @@ class RotationProblem(RowsProblem):
         return found
 
     def relinearised(self, second_order: Array | float, *, learn: bool = True) -> RotationProblem:
-        left = self.residual + self.second_order - second_order
+        left = evaluated(self.residual + self.second_order - second_order)
         noise = estimate(self.design, left, self.seed, coloured=self.method.colour) if learn else self.noise
         return replace(
             self,
@@ -146,7 +149,9 @@ class RotationProblem(RowsProblem):
             near=near.model,
             with_second_order=with_second_order and not known and beyond > FITS.second_order,
         )
-        return replace(fit, second_order=np.asarray(self.second_order), beyond=beyond) if known else fit
+        if not known:
+            return fit
+        return replace(fit, second_order=self.residual * 0.0 + self.second_order, beyond=beyond)
 
     def subsample_chi_square(self, terms: Sequence[Term]) -> float | None:
         return None if self.subsample is None else self._fitted_to_subsample(terms).chi_square
@@ -240,13 +245,20 @@ class RotationProblem(RowsProblem):
 
     def report_data(self, fit: JointFit | None) -> ReportData:
         observed = Observed(self.session.state, self.session.readings, self.session.n > PILOT.many_rows)
+        before, after = self.residual + self.second_order, self.residual if fit is None else fit.residual
+        session, parts = self.session, parts_of(self.model, fit, observed)
+        if session.long:
+            # some rows stand for all
+            rows = session.sample_rows
+            session, before, after = session.sample, before[:, rows], after[:, rows]
+            parts = {name: one[:, rows] for name, one in parts.items()}
         return ReportData(
-            self.session,
-            self.residual + self.second_order,
-            self.residual if fit is None else fit.residual,
+            session,
+            before,
+            after,
             self.channels,
-            recorded=self.session.readings,
-            parts=parts_of(self.model, fit, observed),
+            recorded=session.readings,
+            parts=parts,
             sigma=tuple(float(s) for s in self.noise.sigma),
         )
 

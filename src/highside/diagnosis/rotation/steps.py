@@ -10,8 +10,10 @@ import numpy as np
 
 from highside.arrays import Array
 from highside.diagnosis.rotation.policy import STEPS
+from highside.diagnosis.rows.noise import windows
 from highside.diagnosis.rows.policy import DESIGN
 from highside.diagnosis.rows.session import RotationSession
+from highside.long_arrays import runs_of
 
 
 def found_step(session: RotationSession, residual: Array) -> float | None:
@@ -19,17 +21,33 @@ def found_step(session: RotationSession, residual: Array) -> float | None:
     noise of neighbouring rows; None where they differ by little."""
     n = session.n
     least = max(1, round(DESIGN.step_margin * n))
-    kept = np.ones(n) if session.omitted is None else (~session.omitted).astype(float)
-    noise = np.maximum(np.median(np.abs(np.diff(residual, axis=1)), axis=1), 1e-300) / STEPS.median_of_differences
-    values = kept * (residual - residual.mean(axis=1, keepdims=True)) / noise[:, None]
-    before = np.cumsum(kept)
-    after = np.maximum(before[-1] - before, 1.0)
-    total = np.cumsum(values, axis=1)
-    apart = total / np.maximum(before, 1.0) - (total[:, -1:] - total) / after
-    square = np.sum(apart**2, axis=0) * before * after / before[-1]
-    square[:least], square[n - least :] = 0.0, 0.0
-    at = int(np.argmax(square))
-    if square[at] < STEPS.strength:
+    near = [np.abs(np.diff(residual[:, part], axis=1)) for part in windows(n)]
+    noise = np.maximum(np.median(np.concatenate(near, axis=1), axis=1), 1e-300) / STEPS.median_of_differences
+    middle = residual.mean(axis=1, keepdims=True)
+
+    def values(part: slice) -> tuple[Array, Array]:
+        """1 for a row that counts (n,), and the residual of those in units of the noise (C, n)."""
+        kept = np.ones(part.stop - part.start) if session.omitted is None else (~session.omitted[part]).astype(float)
+        return kept, kept * (residual[:, part] - middle) / noise[:, None]
+
+    every, whole = 0.0, np.zeros(len(residual))
+    for part in runs_of(n):
+        kept, own = values(part)
+        every, whole = every + float(kept.sum()), whole + own.sum(axis=1)
+    best, at = 0.0, 0
+    passed, summed = 0.0, np.zeros(len(residual))
+    for part in runs_of(n):
+        kept, own = values(part)
+        before, total = passed + np.cumsum(kept), summed[:, None] + np.cumsum(own, axis=1)
+        after = np.maximum(every - before, 1.0)
+        apart = total / np.maximum(before, 1.0) - (whole[:, None] - total) / after
+        square = np.sum(apart**2, axis=0) * before * after / every
+        row = np.arange(part.start, part.stop)
+        square[(row < least) | (row >= n - least)] = 0.0
+        if square.max() > best:
+            best, at = float(square.max()), part.start + int(np.argmax(square))
+        passed, summed = float(before[-1]), total[:, -1]
+    if best < STEPS.strength:
         return None
-    elapsed = session.state.t_s - session.state.t_s[0]
-    return float(elapsed[at] + elapsed[at + 1]) / 2
+    elapsed = session.state.t_s[at : at + 2] - session.state.t_s[0]
+    return float(elapsed.sum()) / 2

@@ -40,9 +40,8 @@ def rotation_cells(state: ChainState, *, slow: bool) -> list[Cells]:
         ("vibration_rms_g", state.vibration_rms_g, SUPPORT.cells, slow),
         ("t_s", state.t_s, PLACES.time_cells, slow),
     ):
-        values = np.asarray(along, dtype=float)
-        if wanted and np.ptp(values) > ROTATION_SUPPORT.varies:
-            found.append(cells_of(covariate, values, circular=covariate == TOOLFACE, count=count))
+        if wanted and np.ptp(along) > ROTATION_SUPPORT.varies:
+            found.append(cells_of(covariate, along, circular=covariate == TOOLFACE, count=count))
     return found
 
 

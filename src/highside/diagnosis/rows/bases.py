@@ -67,7 +67,7 @@ class BasisGroup:
 
 def rotation_groups(state: ChainState) -> list[BasisGroup]:
     """Groups for the covariates that vary in a recording."""
-    top = max(float(np.abs(np.asarray(state.rotor_rate_radps, dtype=float)).max()), 1e-9)
+    top = max(float(np.abs(state.rotor_rate_radps).max()), 1e-9)
     return [
         *_attitude_groups(state),
         *_rate_groups(state, top),
@@ -93,7 +93,7 @@ def _attitude_groups(state: ChainState) -> list[BasisGroup]:
 
 def _rate_groups(state: ChainState, top: float) -> list[BasisGroup]:
     """Of the rotor's rate in units of `top`, rad/s."""
-    rate = np.asarray(state.rotor_rate_radps, dtype=float)
+    rate = state.rotor_rate_radps
     if not float(np.ptp(rate)) > BASES.rate_span * top:
         return []
     rate_dps = np.degrees(rate)
@@ -115,7 +115,7 @@ def _rate_groups(state: ChainState, top: float) -> list[BasisGroup]:
 
 
 def _acceleration_groups(state: ChainState, top: float) -> list[BasisGroup]:
-    accel = np.asarray(state.rotor_accel_radps2, dtype=float)
+    accel = state.rotor_accel_radps2
     if not np.ptp(accel) > BASES.ramps * top:
         return []
     most = float(np.abs(accel).max())
@@ -128,7 +128,7 @@ def _acceleration_groups(state: ChainState, top: float) -> list[BasisGroup]:
 
 
 def _vibration_groups(state: ChainState) -> list[BasisGroup]:
-    vibration = np.asarray(state.vibration_rms_g, dtype=float)
+    vibration = state.vibration_rms_g
     if not np.ptp(vibration) > 0:
         return []
     largest = float(vibration.max())
@@ -149,7 +149,7 @@ def _vibration_groups(state: ChainState) -> list[BasisGroup]:
 def _temperature_groups(state: ChainState) -> list[BasisGroup]:
     if not np.ptp(state.temp_c) > BASES.warm_span_c:
         return []
-    warm, along = _warmth(state), np.asarray(state.temp_c)
+    warm, along = _warmth(state), state.temp_c
 
     def linear(rows: Rows) -> list[Array]:
         return [warm(rows) * part for part in rows.harmonics(1, 4)]
@@ -166,7 +166,7 @@ def _temperature_groups(state: ChainState) -> list[BasisGroup]:
 
 def _time_groups(state: ChainState) -> list[BasisGroup]:
     start, length = float(state.t_s[0]), max(float(np.ptp(state.t_s)), 1e-9)
-    along = np.asarray(state.t_s)
+    along = state.t_s
 
     def waves(rows: Rows) -> list[Array]:
         u = (rows.state.t_s - start) / length
@@ -213,7 +213,7 @@ def rotation_interactions(state: ChainState) -> list[InteractionGroup]:
         ]
     # at one inclination z is a constant and a product with it nothing new; x^2 is half a constant. Harmonics are not
     terms = _AT_ONE_INCLINATION if np.ptp(np.degrees(state.inc_rad)) < BASES.inclined_deg else _AT_MANY_INCLINATIONS
-    rate = np.asarray(state.rotor_rate_radps, dtype=float)
+    rate = state.rotor_rate_radps
     top = max(float(np.abs(rate).max()), 1e-9)
     if float(np.ptp(rate)) > BASES.rate_span * top:
 

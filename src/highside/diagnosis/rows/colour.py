@@ -11,8 +11,8 @@ from highside.diagnosis.core.policy import MEMORY
 from highside.diagnosis.core.result import DiagnosisResult
 from highside.diagnosis.core.serial_correlation import RANDOM_WALK
 from highside.diagnosis.core.unexplained import hinted
-from highside.diagnosis.rows.gram import block_seconds
 from highside.diagnosis.rows.policy import COLOUR
+from highside.diagnosis.rows.segments import block_seconds
 from highside.diagnosis.rows.session import RotationSession
 
 

@@ -23,13 +23,15 @@ from highside.diagnosis.core.chunks import chunks_of
 from highside.diagnosis.core.untestable import one_sided
 from highside.diagnosis.rows.bases import BasisGroup, Recipe, Rows, rotation_groups, rotation_interactions
 from highside.diagnosis.rows.policy import DESIGN
-from highside.diagnosis.rows.scratch import Scratch, Stored
+from highside.diagnosis.rows.scratch import kept, rows_with_memory
 from highside.diagnosis.rows.session import FIRST_GYRO, RotationSession
+from highside.long_arrays import runs_of
 from highside.physics.effect import Effect, Stage
 from highside.physics.effects import all_effects
 from highside.physics.forward import ForwardModel
 from highside.physics.outside_effects import EPOCHS, wave_of
 from highside.physics.state import ChainState
+from highside.scratch_arrays import stored
 
 Ints = NDArray[np.intp]
 
@@ -51,13 +53,13 @@ class _Source:
     vector: Array
     amplitudes: tuple[int, ...]
     numbers: Ints
-    stored: dict[tuple[int, int], Stored] | None
-    """by amplitude and channel where the effect has hysteresis and cannot be made in chunks"""
+    stored: dict[tuple[int, int], Array] | None
+    """(N,) by amplitude and channel where the effect has hysteresis and cannot be made in chunks"""
 
     def row(self, amplitude: int, channel: int, part: slice) -> Array:
         """A run of rows of what is stored."""
         assert self.stored is not None
-        return self.stored[amplitude, channel](part)
+        return np.asarray(self.stored[amplitude, channel][part])
 
     def among(self, place: Sequence[Ints]) -> bool:
         """Whether any of its functions has a place (m_c,) on its channel."""
@@ -80,9 +82,19 @@ def _probe_rows(state: ChainState) -> Ints:
         state.inc_rate_radps,
         state.vibration_rms_g,
     ):
-        order = np.argsort(along, kind="stable")
-        rows += [order[: DESIGN.extremes], order[-DESIGN.extremes :]]
+        rows += _extremes(along)
     return np.unique(np.concatenate(rows))
+
+
+def _extremes(along: Array) -> list[Ints]:
+    """The rows of the smallest and of the largest values (N,): of equal ones the first, and the last."""
+    low, high = np.empty(0, dtype=np.intp), np.empty(0, dtype=np.intp)
+    for part in runs_of(along.shape[-1]):
+        order = part.start + np.argsort(along[part], kind="stable")
+        both = [np.concatenate([low, order[: DESIGN.extremes]]), np.concatenate([high, order[-DESIGN.extremes :]])]
+        low, high = (every[np.argsort(along[every], kind="stable")] for every in both)
+        low, high = low[: DESIGN.extremes], high[-DESIGN.extremes :]
+    return [low, high]
 
 
 class Design(ABC):
@@ -117,10 +129,9 @@ class Design(ABC):
     def turns(self) -> list[Array]:
         """(N,) revolutions of the tool, then of each line, from any beginning."""
         state = self.session.state
-        turned = np.asarray(state.tf_rad / (2 * np.pi), dtype=float)
+        turned = state.tf_rad / (2 * np.pi)
         return [turned] + [
-            np.asarray(line.value * (state.t_s if _over_time(all_effects()[line.effect]) else turned))
-            for line in self.lines
+            line.value * (state.t_s if _over_time(all_effects()[line.effect]) else turned) for line in self.lines
         ]
 
     # -- what the rows become
@@ -161,7 +172,6 @@ class ChainDesign(Design):
         begin."""
         super().__init__(session, free, lines)
         self._onset_s = onset_s
-        self._scratch = Scratch()
         self.model = model
         self._sources: list[_Source] = []
         self._recipes: list[tuple[int, int, Recipe]] = []
@@ -201,7 +211,7 @@ class ChainDesign(Design):
                 at = place[c][source.numbers[k, c]]
                 if at >= 0:
                     result[c][at] = source.row(int(k), int(c), part) if block is None else block[k, c]
-        rows = Rows(self.session.state.rows(part), part.start, state)
+        rows = Rows(state.rows(slice(1, None)), part.start, state)
         for first, count, recipe in self._recipes:
             at = np.array(
                 [own[int(m) + first : int(m) + first + count] for own, m in zip(place, self._own, strict=True)]
@@ -296,19 +306,32 @@ class ChainDesign(Design):
     def _through(self, effect: Effect, vector: Array, amplitudes: Sequence[int]) -> list[int]:
         """Columns of an effect through the chain; -1 for one that leaves no trace."""
         wanted = tuple(amplitudes)
-        stored: dict[tuple[int, int], Stored] | None = None
+        columns: dict[tuple[int, int], Array] | None = None
         if effect.complex_safe:
             probe = self._evaluate(self._probe_state, [(effect, vector, wanted)])[0][:, :, 1:]
+            shows = np.max(np.abs(probe), axis=2) > DESIGN.nothing
         else:
-            # a play has hysteresis: the whole recording at once
-            probe = self._evaluate(self.session.state, [(effect, vector, wanted)])[0]
-        shows = np.max(np.abs(probe), axis=2) > DESIGN.nothing
-        if not effect.complex_safe:
-            stored = {(int(k), int(c)): self._scratch.put(probe[k, c]) for k, c in zip(*np.nonzero(shows), strict=True)}
+            # a play has hysteresis: all rows, one after the other
+            shows, columns = self._all_rows(effect, vector, wanted)
         of_channels = np.where(shows, self._own + np.cumsum(shows, axis=0) - 1, -1)
         self._own += shows.sum(axis=0)
-        self._sources.append(_Source(effect, vector, wanted, of_channels, stored))
+        self._sources.append(_Source(effect, vector, wanted, of_channels, columns))
         return [self._add(own) if (own >= 0).any() else -1 for own in of_channels]
+
+    def _all_rows(
+        self, effect: Effect, vector: Array, wanted: tuple[int, ...]
+    ) -> tuple[NDArray[np.bool_], dict[tuple[int, int], Array]]:
+        """Whether each amplitude shows on each channel (k, C), and where it does what it adds to all rows (N,)."""
+        session, count = self.session, (len(wanted), len(self.session.channels))
+        if not session.long:
+            whole = self._evaluate(session.state, [(effect, vector, wanted)])[0]
+            shows = np.max(np.abs(whole), axis=2) > DESIGN.nothing
+            return shows, {(k, c): kept(whole[k, c]) for k, c in np.argwhere(shows).tolist()}
+        made = rows_with_memory(session.state, lambda state: self._evaluate(state, [(effect, vector, wanted)])[0])
+        flat = (np.reshape(rows, (count[0] * count[1], -1)) for rows in made)
+        every = stored(session.readings, (count[0] * count[1], session.n), flat)
+        shows = np.reshape(np.abs(every).max(axis=1) > DESIGN.nothing, count)
+        return shows, {(k, c): every[k * count[1] + c] for k, c in np.argwhere(shows).tolist()}
 
     def _only(self, effect: Effect, shape: dict[str, float], k: int) -> Array:
         """(K,) one unit of the k-th amplitude alone."""
@@ -379,10 +402,17 @@ class ChainDesign(Design):
                 return [added if rows.begun is None else added[1:]]
 
             return begun
-        # it may have hysteresis: the whole recording at once
-        whole = effect.delta(self.session.state, vector, np.zeros((3, self.session.n)))[axis]
-        stored = self._scratch.put(whole)
-        return lambda rows: [stored(slice(rows.first, rows.first + rows.state.n))]
+        # it may have hysteresis: all rows, one after the other
+        session = self.session
+
+        def added(state: ChainState) -> Array:
+            return np.asarray(effect.delta(state, vector, np.zeros((3, state.n)))[axis])
+
+        if session.long:
+            every = stored(session.readings, (session.n,), rows_with_memory(session.state, added))
+        else:
+            every = kept(added(session.state))
+        return lambda rows: [every[rows.first : rows.first + rows.state.n]]
 
     def _line(self, effect: Effect, value: float) -> list[int]:
         """A cosine or a sine on one axis for each amplitude of a line."""

@@ -27,12 +27,10 @@ from highside.diagnosis.core.regression import solved
 from highside.diagnosis.rows.design import Design
 from highside.diagnosis.rows.noise import RotationNoise
 from highside.diagnosis.rows.policy import GRAMS
-from highside.diagnosis.rows.session import RotationSession
+from highside.diagnosis.rows.segments import Key, Segments, equal_runs
 
 Ints = NDArray[np.intp]
 
-Key = tuple[int, int, bool]
-"""of a part of the rows: fold, steady rate (-1: none), whether it is scored in its fold"""
 Fold = tuple[list[Key], list[Key]]
 """parts that are left out, and those of them that are scored"""
 
@@ -43,51 +41,10 @@ MEMORIES = (
 """(length, share) of each memory that is tried; the first is none."""
 
 
-def block_seconds(session: RotationSession) -> float:
-    """Length of the blocks by whose means a noise with memory is observed."""
-    return max(GRAMS.block_s, session.n * session.step_s / GRAMS.max_blocks)
-
-
-@dataclass(frozen=True)
-class Segments:
-    """To which fold, steady rate (-1: none) and block a row belongs, and whether it is scored in its fold."""
-
-    fold: Ints
-    rate: Ints
-    core: NDArray[np.bool_]
-    block: Ints
-    flip: Ints
-    at: Array
-    """(blocks,) middle of each block, in steps"""
-
-    @classmethod
-    def of(cls, design: Design, lead: int) -> Segments:
-        """The rows at a fold's ends are trained on by nobody else, and not scored: their noise is serially
-        correlated."""
-        session = design.session
-        n, rows = session.n, np.arange(session.n)
-        fold = rows * GRAMS.folds // n
-        gap = lead + round(1.0 / session.step_s)
-        starts = np.searchsorted(fold, np.arange(GRAMS.folds + 1))
-        edge = np.minimum(rows - starts[fold], starts[fold + 1] - 1 - rows)
-        core = (
-            (edge >= gap)
-            | (fold == 0) & (rows < starts[1] - gap)
-            | (fold == GRAMS.folds - 1) & (rows >= starts[-2] + gap)
-        )
-        length = block_seconds(session)
-        # a block that lost all of its rows is none
-        block = _numbered((session.places * session.step_s / length).astype(np.intp))
-        flip = _numbered((session.places * session.step_s / GRAMS.flip_s).astype(np.intp))
-        at = np.bincount(block, weights=session.places + 0.5) / np.bincount(block)
-        return cls(fold, session.rate_group, core, block, flip, at)
-
-    @property
-    def of_blocks(self) -> list[Key]:
-        """The part that the middle row of each block is of."""
-        starts = np.searchsorted(self.block, np.arange(int(self.block[-1]) + 2))
-        middle = (starts[:-1] + starts[1:]) // 2
-        return [(int(self.fold[row]), int(self.rate[row]), bool(self.core[row])) for row in middle]
+def _tried(blocks: int) -> int:
+    """How many of `MEMORIES` are tried in so many blocks: the longest of levels that forget stand last."""
+    longest = max(GRAMS.always_tried, GRAMS.longest_share * blocks)
+    return sum(np.isinf(length) or length <= longest for length, _ in MEMORIES)
 
 
 @dataclass(frozen=True)
@@ -117,10 +74,11 @@ def accumulate(design: Design, noise: RotationNoise, residual: Array) -> tuple[l
     """One pass over the rows; `residual` (C, N) after the base fit."""
     segments = Segments.of(design, noise.lead)
     sizes = [m + 1 for m in design.sizes]
-    blocks = int(segments.block[-1]) + 1
+    blocks = segments.starts.size - 1
     parts: list[dict[Key, Array]] = [{} for _ in sizes]
     rows: list[dict[Key, float]] = [{} for _ in sizes]
     sums = [np.zeros((m, blocks)) for m in sizes]
+    counts = [np.zeros(blocks) for _ in sizes]
     chunks = list(design.chunks())
 
     def one(part: slice) -> list[_Chunk]:
@@ -136,10 +94,9 @@ def accumulate(design: Design, noise: RotationNoise, residual: Array) -> tuple[l
             for key, gram, counted in chunk.pieces:
                 parts[c][key] = parts[c][key] + gram if key in parts[c] else gram
                 rows[c][key] = rows[c].get(key, 0.0) + counted
-            sums[c][:, first : first + chunk.sums.shape[1]] += chunk.sums
-    counts = [
-        np.bincount(segments.block, weights=(w > 0).astype(float), minlength=blocks).astype(float) for w in noise.weight
-    ]
+            own = slice(first, first + chunk.sums.shape[1])
+            sums[c][:, own] += chunk.sums
+            counts[c][own] += chunk.counts
     walked = 0.0 if design.base.size else float(segments.at[-1] - segments.at[0])
     return [Gram(*kept, segments.at, walked) for kept in zip(parts, sums, counts, rows, strict=True)], segments
 
@@ -150,30 +107,20 @@ class _Chunk:
 
     pieces: list[tuple[Key, Array, float]]
     sums: Array
+    """(m, blocks)"""
+    counts: Array
+    """(blocks,) rows that count"""
 
 
 def _chunk(white: Array, weight: Array, segments: Segments, part: slice) -> _Chunk:
-    key = (segments.fold[part] * 64 + segments.rate[part] + 1) * 2 + segments.core[part]
+    fold, rate, core = segments.fold[part], segments.rate[part], segments.core[part]
     pieces = []
-    for start, stop in _runs(key):
-        row = part.start + start
-        name = (int(segments.fold[row]), int(segments.rate[row]), bool(segments.core[row]))
+    for start, stop in equal_runs((fold * 64 + rate + 1) * 2 + core):
+        name = (int(fold[start]), int(rate[start]), bool(core[start]))
         piece = white[:, start:stop]
         pieces.append((name, np.asarray(piece @ piece.T), float(np.sum(weight[start:stop] > 0))))
-    starts = [start for start, _ in _runs(segments.block[part])]
-    return _Chunk(pieces, np.add.reduceat(white, starts, axis=1))
-
-
-def _numbered(values: Ints) -> Ints:
-    """The same runs of rising numbers, numbered without a gap."""
-    return np.asarray(np.cumsum(np.diff(values, prepend=values[:1]) != 0), dtype=np.intp)
-
-
-def _runs(values: NDArray[np.generic]) -> list[tuple[int, int]]:
-    """(start, stop) of runs of equal values."""
-    borders = np.flatnonzero(np.asarray(values[1:] != values[:-1])) + 1
-    edges = [0, *borders.tolist(), values.shape[0]]
-    return list(pairwise(edges))
+    starts = [start for start, _ in equal_runs(segments.block[part])]
+    return _Chunk(pieces, np.add.reduceat(white, starts, axis=1), np.add.reduceat((weight > 0).astype(float), starts))
 
 
 @dataclass(frozen=True)
@@ -193,7 +140,7 @@ class RandomWalkGrams:
         used = gram.counts > 0
         counts = gram.counts[used]
         means = gram.sums[:, used] / counts
-        noise = _level_noise(counts, gram.at[used], MEMORIES, gram.walked)
+        noise = _level_noise(counts, gram.at[used], MEMORIES[: _tried(int(used.sum()))], gram.walked)
         within = gram.total - (means * counts) @ means.T
         between = noise.white(means)
         return cls(
@@ -283,6 +230,16 @@ class RandomWalkChannel:
         return np.asarray(freedom * np.log(energy / freedom) + logdet.reshape(shape))
 
 
+def coordinates_and_lift(inner: Array) -> tuple[Array, Array]:
+    """(m, R) coordinates of functions with the given inner products (m, m), and (m, R) the combinations of functions
+    that are of unit size and share nothing: these are the coordinates' axes."""
+    scale = np.sqrt(np.maximum(np.diag(inner), 1e-300))
+    values, vectors = np.linalg.eigh(inner / scale[:, None] / scale[None, :])
+    good = values > 1e-9 * values[-1]
+    part, root = vectors[:, good], np.sqrt(values[good])
+    return scale[:, None] * part * root, part / root / scale[:, None]
+
+
 class Space:
     """Coordinates with the inner products of the recording's whitened columns: channel beside channel, R in all."""
 
@@ -293,14 +250,10 @@ class Space:
         self._lift: list[Array] = []
         residual = []
         for gram in grams:
-            inner, moment = gram[:-1, :-1], gram[:-1, -1]
-            scale = np.sqrt(np.maximum(np.diag(inner), 1e-300))
-            values, vectors = np.linalg.eigh(inner / scale[:, None] / scale[None, :])
-            good = values > 1e-9 * values[-1]
-            part, root = vectors[:, good], np.sqrt(values[good])
-            self.coordinates.append(scale[:, None] * part * root)
-            self._lift.append(part / root / scale[:, None])
-            residual.append(self._lift[-1].T @ moment)
+            coordinates, lift = coordinates_and_lift(gram[:-1, :-1])
+            self.coordinates.append(coordinates)
+            self._lift.append(lift)
+            residual.append(lift.T @ gram[:-1, -1])
         sizes = [c.shape[1] for c in self.coordinates]
         ends = np.cumsum([0, *sizes])
         self.channels = [slice(int(a), int(b)) for a, b in pairwise(ends)]

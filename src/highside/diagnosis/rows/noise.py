@@ -3,8 +3,8 @@
 Each channel's noise is autoregressive, its order chosen by BIC from a *rich* residual: all columns of the design are
 projected off, so that no effect is taken for colour. What the projection takes with it biases the autocovariance; how
 much is found out by doing the same to white noise, and is given back. The size of the innovations may follow the square
-of the vibration, the square of the rate across the gravity vector (sampling jitter), and slowly the time. Rows that
-stand out as impulses count for nothing.
+of the vibration, the square of the rate across the gravity vector (sampling jitter), of either alone (errors of the
+angles given, what grows with the rate), and slowly the time. Rows that stand out as impulses count for nothing.
 """
 
 from __future__ import annotations
@@ -22,10 +22,13 @@ from highside.diagnosis.core.policy import INTERVALS
 from highside.diagnosis.rows.design import Design
 from highside.diagnosis.rows.policy import ROW_NOISE
 from highside.diagnosis.rows.session import RotationSession
+from highside.diagnosis.rows.weights import constant_weight, without_rows
+from highside.long_arrays import by_runs, concatenated
 from highside.physics.gravity import gravity_jacobians
 from highside.physics.state import ChainState
 
-JITTER, SHAKEN = 0, 1
+SCATTERS = JITTER, SHAKEN, ANGLES, TURNING = range(4)
+"""what the size of the innovations may follow: sampling jitter, vibration, errors of the angles given, the rate"""
 
 
 @dataclass(frozen=True)
@@ -156,12 +159,13 @@ def estimate(design: Design, residual: Array, seed: int, *, coloured: bool = Tru
             made[c].append(functions)
 
     def of(c: int) -> _Found:
+        ones = by_runs(session.readings, (session.n,), lambda part: np.ones(part.stop - part.start))
         counts = None if session.omitted is None else [np.where(session.omitted[p], 0.0, 1.0) for p in parts]
         before = [residual[c, max(0, p.start - 2 * ROW_NOISE.max_order) : p.stop] for p in parts]
         size = float(np.sqrt(np.mean(session.readings[c] ** 2)))
         if float(residual[c].std()) < ROW_NOISE.rounding * size:
             # a simulation without noise: nothing is smaller than rounding
-            return _Found(np.ones(1), np.full(session.n, 1 / (ROW_NOISE.rounding * size)), ROW_NOISE.rounding * size)
+            return _Found(np.ones(1), ones / (ROW_NOISE.rounding * size), ROW_NOISE.rounding * size)
         learning = _Learning(parts, made[c], before, counts)
         polynomial = _colour(learning, np.random.default_rng([seed, c])) if coloured else np.ones(1)
         left, rank, _ = learning.outside(polynomial)
@@ -171,18 +175,17 @@ def estimate(design: Design, residual: Array, seed: int, *, coloured: bool = Tru
             np.sqrt(sum(float(np.sum((r * w) ** 2)) for r, w in zip(left, shape[1], strict=True)) / (rows - rank))
         )
         level = max(level, ROW_NOISE.least)
-        weight = shape[0] / level
-        weight[wild] = 0.0
+        nothing = [wild, np.arange(polynomial.size - 1)]
         if session.omitted is not None:
-            weight[_spread(np.flatnonzero(session.omitted), polynomial.size - 1, session.n)] = 0.0
-        weight[: polynomial.size - 1] = 0.0
+            nothing.append(_spread(np.flatnonzero(session.omitted), polynomial.size - 1, session.n))
+        weight = without_rows(shape[0] / level, np.unique(np.concatenate(nothing)))
         scatter = (jitter[0], jitter[1] * level, jitter[2] * level)
         return _Found(polynomial, weight, level, by_vibration, scatter, wild.size, float(rows - rank))
 
     found = list(in_order(of, range(len(session.channels))))
     return RotationNoise(
         tuple(one.polynomial for one in found),
-        np.stack([one.weight for one in found]),
+        concatenated([one.weight[None] for one in found]),
         np.array([one.sigma for one in found]),
         min(float(session.n), *(one.freedom for one in found)),
         np.array([one.by_vibration for one in found]),
@@ -202,16 +205,6 @@ class _Found:
     jitter: tuple[float, float, float] = (0.0, 0.0, 0.0)
     impulses: int = 0
     freedom: float = np.inf
-
-
-def rounding(readings: Array, residual: Array, seed: int) -> Array:
-    """(C, n) noise of the size to which readings, and what a base fit leaves of them, are taken to be exact.
-
-    A simulation without noise has none, and then what effects do beyond first order would be all that is observed.
-    """
-    of_readings, of_residual = (np.sqrt(np.mean(x**2, axis=1, keepdims=True)) for x in (readings, residual))
-    size = np.maximum(ROW_NOISE.rounding * of_readings, ROW_NOISE.digits * of_residual)
-    return np.asarray(size * np.random.default_rng(seed).standard_normal(readings.shape))
 
 
 def plain(sigma: Array, n: int) -> RotationNoise:
@@ -315,11 +308,15 @@ def _scatter(
     """
     if not changes:
         every = [np.ones_like(rows) for rows in left]
-        return (np.ones(session.n), every), 0.0, (0.0, 0.0, 0.0), np.empty(0, dtype=np.intp)
+        return (constant_weight(session, 1.0), every), 0.0, (0.0, 0.0, 0.0), np.empty(0, dtype=np.intp)
     state = session.state
-    whole = {SHAKEN: np.asarray(state.vibration_rms_g**2, dtype=float), JITTER: _across(state, channel)}
-    if channel >= 3:
-        whole[JITTER] = np.zeros(session.n)
+    across, square_rate = _across(state, channel), state.rotor_rate_radps**2
+    whole = {
+        SHAKEN: state.vibration_rms_g**2,
+        JITTER: across * square_rate,
+        ANGLES: across,
+        TURNING: square_rate,
+    }
     rows = np.concatenate(left)
     rows_used = np.concatenate([np.arange(p.start, p.stop) for p in parts])
     lead = polynomial.size - 1
@@ -329,37 +326,25 @@ def _scatter(
     wild = keep & (np.abs(rows) > ROW_NOISE.impulse * scale)
     modelled = {k: v[rows_used] for k, v in whole.items() if np.ptp(v) > 0}
     square = np.minimum(rows**2, (ROW_NOISE.impulse * scale) ** 2) / scale**2
-    chosen: dict[int, float] = {}
-    level, cost = float(square[keep].mean()), 0.0
-    cost = _deviance(square[keep], np.full(int(keep.sum()), level))
-    evidence = {SHAKEN: 0.0, JITTER: 0.0}
     # heavy tails make differences of scatter look surer than they are
     kurtosis = float(np.mean(square[keep] ** 2) / np.mean(square[keep]) ** 2)
-    for _ in range(len(modelled)):
-        tries = {}
-        for k in modelled:
-            if k not in chosen:
-                names = [*chosen, k]
-                weights = _variance_fit(square[keep], [modelled[j][keep] for j in names])
-                fitted = weights[0] + sum(w * modelled[j][keep] for w, j in zip(weights[1:], names, strict=True))
-                tries[k] = (cost - _deviance(square[keep], fitted), names, weights)
-        k = max(tries, key=lambda name: tries[name][0])
-        gain, names, weights = tries[k]
-        if gain * 2 / max(kurtosis - 1, 2.0) < ROW_NOISE.variance_gain:
-            break
-        evidence[k] = gain * 2 / max(kurtosis - 1, 2.0)
-        level, chosen = float(weights[0]), dict(zip(names, weights[1:].tolist(), strict=True))
-        cost -= gain
-    size = level + sum((w * whole[k] for k, w in chosen.items()), np.zeros(session.n))
-    size /= float(np.mean(size[rows_used]))
+    surer = max(kurtosis - 1, 2.0) / 2
+    level, chosen, evidence = _followed(square[keep], {k: v[keep] for k, v in modelled.items()}, surer)
+    size = sum((w * whole[k] for k, w in chosen.items()), constant_weight(session, level))
+    size = size / float(np.mean(size[rows_used]))
     if wild.mean() > ROW_NOISE.max_impulses:
         wild[:] = False
-    size *= _slowly(session, rows_used, square / size[rows_used], keep & ~wild)
+    if JITTER in chosen:
+        # what comes and goes with time goes with the rate of a stretch as well: within the turn it must show
+        slow = _slowly(session, rows_used, square, keep & ~wild)[rows_used]
+        within = _gain_beside(square[keep], slow[keep], modelled[JITTER][keep]) / surer
+        evidence[JITTER] = min(evidence[JITTER], max(within, 0.0))
+    size = size * _slowly(session, rows_used, square / size[rows_used], keep & ~wild)
     root = 1 / np.sqrt(size)
     strays = rows_used[wild & (np.abs(rows) * root[rows_used] > ROW_NOISE.impulse * scale)]
     spread = _spread(strays, lead, session.n)
     jitter = (0.0, 0.0, 0.0)
-    if chosen.get(JITTER, 0.0) > 0:
+    if chosen.get(JITTER, 0.0) > 0 and evidence[JITTER] > 0:
         time = float(np.sqrt(chosen[JITTER])) * scale
         # relative to the level of all innovations, which `scale` and the mean size make up
         mean = scale * float(np.sqrt(np.mean(square[keep])))
@@ -368,17 +353,53 @@ def _scatter(
     return (root, part_roots), evidence[SHAKEN], jitter, spread
 
 
+def _followed(square: Array, modelled: dict[int, Array], surer: float) -> tuple[float, dict[int, float], list[float]]:
+    """What the squares (n,) of the innovations follow of regressors (n,), chosen one by one: their constant part, the
+    weight of each that was chosen, and the evidence of every one; -2 log likelihood counts `surer` times less."""
+    chosen: dict[int, float] = {}
+    level, evidence = float(square.mean()), [0.0] * len(SCATTERS)
+    cost = _deviance(square, np.full(square.size, level))
+    for _ in range(len(modelled)):
+        tries = {}
+        for k in modelled:
+            if k not in chosen:
+                names = [*chosen, k]
+                weights = _variance_fit(square, [modelled[j] for j in names])
+                fitted = weights[0] + sum(w * modelled[j] for w, j in zip(weights[1:], names, strict=True))
+                tries[k] = (cost - _deviance(square, fitted), names, weights)
+        k = max(tries, key=lambda name: tries[name][0])
+        gain, names, weights = tries[k]
+        if gain / surer < ROW_NOISE.variance_gain:
+            break
+        evidence[k] = gain / surer
+        level, chosen = float(weights[0]), dict(zip(names, weights[1:].tolist(), strict=True))
+        cost -= gain
+    return level, chosen, evidence
+
+
 def _spread(rows: NDArray[np.intp], lead: int, n: int) -> NDArray[np.intp]:
     """Rows, and those after them that the filter brings them into."""
     return np.unique(np.minimum((rows[:, None] + np.arange(lead + 1)).ravel(), n - 1))
 
 
 def _across(state: ChainState, channel: int) -> Array:
-    """(N,) square of the change of a reading with the time of sampling, (g/s)^2."""
+    """(N,) square of the change of a reading with the toolface, (g/rad)^2."""
+
+    def of(part: slice) -> Array:
+        rows = state.rows(part)
+        return np.asarray(gravity_jacobians(rows.inc_rad, rows.tf_rad)[1][channel] ** 2, dtype=float)
+
     if channel >= 3:
-        return np.zeros(state.n)
-    by_tf = np.asarray(gravity_jacobians(state.inc_rad, state.tf_rad)[1][channel], dtype=float)
-    return np.asarray((by_tf * state.rotor_rate_radps) ** 2)
+        return by_runs(state.t_s, (state.n,), lambda part: np.zeros(part.stop - part.start))
+    return by_runs(state.t_s, (state.n,), of)
+
+
+def _gain_beside(square: Array, slow: Array, regressor: Array) -> float:
+    """-2 log likelihood that a regressor of the variance gains beside a size that changes slowly."""
+    alone = _variance_fit(square, [slow])
+    both = _variance_fit(square, [slow, regressor])
+    before = _deviance(square, alone[0] + alone[1] * slow)
+    return before - _deviance(square, both[0] + both[1] * slow + both[2] * regressor)
 
 
 def _deviance(square: Array, variance: Array) -> float:
@@ -404,11 +425,11 @@ def _variance_fit(square: Array, regressors: list[Array]) -> Array:
 def _slowly(session: RotationSession, rows_used: NDArray[np.intp], square: Array, keep: NDArray[np.bool_]) -> Array:
     """(N,) slow change of the variance, shrunk to 1 as far as chance explains it."""
     if rows_used.size < session.n:
-        return np.ones(session.n)
+        return constant_weight(session, 1.0)
     width = max(1, round(ROW_NOISE.scale_s / session.step_s))
     count = max(1, session.n // width)
     if count < ROW_NOISE.least_stretches:
-        return np.ones(session.n)
+        return constant_weight(session, 1.0)
     edges = np.linspace(0, session.n, count + 1).astype(int)
     used = np.add.reduceat(keep.astype(float), edges[:-1])
     means = np.add.reduceat(np.where(keep, square, 0.0), edges[:-1]) / np.maximum(used, 1.0)
@@ -417,6 +438,6 @@ def _slowly(session: RotationSession, rows_used: NDArray[np.intp], square: Array
     expected = (kurtosis - 1) / width
     share = max(0.0, 1 - expected / max(float(means.var()), 1e-12))
     if share < ROW_NOISE.slow_share:
-        return np.ones(session.n)
+        return constant_weight(session, 1.0)
     middle = (edges[1:] + edges[:-1]) / 2
     return np.asarray(np.interp(np.arange(session.n), middle, np.maximum(1 + share * (means - 1), ROW_NOISE.quietest)))

@@ -1,8 +1,9 @@
 """The numbers that decide where recordings are looked at row by row.
 
-Each stands with its unit, what it means, and the reference or the run that set it. *Chosen* names the commit in which
-a value was put there by judgement: no run that varied it is on record. They are no settings for users: whoever moves
-one puts the engine to the sealed cases again (studies/sealed/score.py).
+Each stands with its unit, what it means, and the reference or the run that set it. *Chosen* names the commit in which a
+value was put there by judgement, before any run; *studies.thresholds* (python -m) the range of such a value in which no
+answer of its recordings changes. They are no settings for users: whoever moves one puts the engine to the sealed cases
+again (studies/sealed/score.py).
 """
 
 from __future__ import annotations
@@ -87,7 +88,13 @@ class GramsPolicy:
     folds: int = 10
     """Contiguous stretches, each predicted from the others. Chosen in 304904b; no run is recorded."""
     block_s: float = 0.5
-    """s; blocks by whose means a random walk is observed. Chosen in 304904b; no run is recorded."""
+    """s; blocks by whose means a random walk is observed, at most where a recording is short. Chosen in 304904b; no run
+    is recorded."""
+    block_rows: int = 5
+    """Rows of such a block, where that is shorter. Source: white noise with AR(1) noise of 0.95 beside it, as large,
+    1,500 rows of 50 Hz: the projection takes what is slow of it, the filter has 1 to 3 terms, and levels in blocks of
+    25 rows, longer than its memory, left 13 of 16 nulls with an alarm (one a lever arm); blocks of 5 rows none of
+    6."""
     max_blocks: int = 1000
     """Blocks, at most: a long recording has longer ones. Chosen in 9e17400; no run is recorded."""
     flip_s: float = 3.0
@@ -100,11 +107,20 @@ class GramsPolicy:
         (1.5, (0.03, 0.1, 0.3, 1.0, 3.0, 10.0)),
         (4.0, (0.01, 0.04, 0.15, 0.6, 2.4, 10.0)),
         (12.0, (0.04, 0.15, 0.6, 2.4, 10.0, 40.0)),
+        (30.0, (0.01, 0.04, 0.15, 0.6, 2.4, 10.0)),
+        (60.0, (0.01, 0.04, 0.15, 0.6, 2.4, 10.0)),
     )
     """Levels that forget, what the filter leaves of a noise's colour: their memory in blocks, and variances in units of
     the white variance of a block's mean. Source: AR(1) noise of 0.97 over 1,200 rows is filtered by 0.90 (what is slow
-    is projected off), and what is left is 17 in -2 log likelihood nearer to levels of 1.5 blocks than to a random walk,
-    in 6 of 6; with levels of up to 0.3 alone it passed for one in 19 of 20."""
+    is projected off), and what is left is 17 in -2 log likelihood nearer to levels of 1.5 blocks of half a second than
+    to a random walk, in 6 of 6; with levels of up to 0.3 alone it passed for one in 19 of 20. 60 blocks of `block_rows`
+    are the six seconds that 12 of `block_s` are."""
+    always_tried: float = 12.0
+    """Blocks; memories up to this are tried however short a recording is. Source: the longest of 0.5 s blocks."""
+    longest_share: float = 0.2
+    """Share of the blocks that a longer memory may have. Source: a level of 24 s in 48 s took steps of strength 300 for
+    noise, so that nothing was left out in 5 of 8 (`python -m studies.simulation_honesty sweep --only step "gyro step"
+    --strength 3e2`)."""
 
 
 GRAMS = GramsPolicy()
@@ -168,6 +184,8 @@ class RowNoisePolicy:
     """Lags of the circle on which a filter is taken back. Source: chosen; ten times the memory of a pole at 0.995."""
     max_order: int = 16
     """Terms of a channel's filter, at most. Chosen in 304904b; no run is recorded."""
+    stretch: int = 4096
+    """Rows whose draws of rounding are made together. Source: chosen; as many as are worked on at a time."""
     max_rows: int = 24_000
     """Rows that the noise is learned from; of longer recordings, windows spread over all of it. Chosen in 304904b; no
     run is recorded."""
@@ -204,7 +222,7 @@ class RowNoisePolicy:
     """Share of the stretches' scatter beyond chance from which the size changes slowly. Chosen in 304904b; no run is
     recorded."""
     quietest: float = 0.05
-    """Share of the mean variance; no stretch is quieter. Chosen in 304904b; no run is recorded."""
+    """Share of the mean variance; no stretch is quieter. Source: studies.thresholds, 0.025 to 0.1."""
 
 
 ROW_NOISE = RowNoisePolicy()
@@ -221,6 +239,10 @@ class RowPlacesPolicy:
     """Rows by which intervals of a covariate are found. Chosen in 9535933; no run is recorded."""
     stretches: int = 4
     """Stretches, spread over a long recording, that these rows are. Chosen in af2f195; no run is recorded."""
+    least_seen: float = 0.1
+    """Share, of what falls on so many rows of a long recording on the average, below which a function is too little in
+    the windows that the noise was learned from for these to say what chance makes of it. Source: chosen; the
+    threshold is 3.75 on 1e5, 1e6 and 2e7 rows, where it was 9, 63 and 300 (`python -m studies.giant_recording`)."""
     least_left: float = 0.1
     """Share of the rows that a projection leaves, at least, when its loss is given back. Chosen in 9e17400; no run is
     recorded."""
@@ -233,6 +255,11 @@ ROW_PLACES = RowPlacesPolicy()
 class RowSessionsPolicy:
     """Rows of a recording."""
 
+    sample: int = 96_000
+    """Rows of a recording that is not in the memory by which laws are sought and figures drawn. Source: chosen; they
+    are averaged in 3,000 cells as all rows would be."""
+    sample_stretches: int = 16
+    """Stretches that these are. Source: chosen; as many as a rate or a temperature has levels."""
     min_rows: int = 1000
     """Fewer rows are too short a stretch for a noise with memory to be known. Chosen in 4048651; no run is recorded."""
     missing: float = 1e-3

@@ -31,19 +31,13 @@ from highside.diagnosis.core.support import Window
 from highside.diagnosis.rows.bases import BasisGroup
 from highside.diagnosis.rows.changing import changing_instead
 from highside.diagnosis.rows.design import Design
-from highside.diagnosis.rows.gram import (
-    Gram,
-    HeldOutRows,
-    Key,
-    RandomWalkChannel,
-    RandomWalkGrams,
-    Space,
-    inner_by_parts,
-)
+from highside.diagnosis.rows.gram import Gram, HeldOutRows, RandomWalkChannel, RandomWalkGrams, Space, inner_by_parts
 from highside.diagnosis.rows.inner_products import InnerProducts
-from highside.diagnosis.rows.noise import RotationNoise, with_random_walk
+from highside.diagnosis.rows.noise import RotationNoise, windows, with_random_walk
 from highside.diagnosis.rows.policy import GRAMS, ROW_PLACES
+from highside.diagnosis.rows.segments import Key
 from highside.diagnosis.rows.session import RotationSession
+from highside.long_arrays import runs_of
 
 Ints = NDArray[np.intp]
 
@@ -226,15 +220,27 @@ class RowsProblem(Problem[RotationNoise]):
         known = sorted({key[1] for gram in self.grams for key in gram.parts} - {-1})
         if len(known) >= STABILITY.levels:
             rate = np.abs(self.session.state.rotor_rate_radps)
-            mean = {k: float(rate[self.products.segments.rate == k].mean()) for k in known}
+            mean = self._mean_over_rates(rate, known)
             middle = float(np.median(list(mean.values())))
             # what is on no steady rate stands by itself
             splits["lower rates, higher rates and ramps"] = lambda key: 2 if key[1] < 0 else int(mean[key[1]] > middle)
         return splits
 
+    def _mean_over_rates(self, values: Array, rates: Sequence[int]) -> dict[int, float]:
+        """Mean of values (N,) over the rows of each steady rate."""
+        total, count = dict.fromkeys(rates, 0.0), dict.fromkeys(rates, 0)
+        for part in runs_of(self.session.n):
+            own, of_rate = values[part], self.products.segments.rate[part]
+            for k in rates:
+                total[k] += float(own[of_rate == k].sum())
+                count[k] += int(np.sum(of_rate == k))
+        return {k: total[k] / count[k] for k in rates}
+
     @property
     def in_steps(self) -> tuple[Array, Array]:
-        steps = np.array([lattice_step(channel) for channel in self.session.readings])
+        rows = np.concatenate([np.arange(part.start, part.stop) for part in windows(self.session.n)])
+        readings = self.session.readings[:, rows] if self.session.long else self.session.readings
+        steps = np.array([lattice_step(channel) for channel in readings])
         return steps, np.std(self.residual, axis=1)
 
     @property

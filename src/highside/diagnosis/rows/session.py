@@ -7,19 +7,34 @@ beside the accelerometers.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from highside.arrays import Array
-from highside.diagnosis.rows.policy import ROW_SESSIONS
+from highside.diagnosis.rows.policy import GRAMS, ROW_SESSIONS
 from highside.errors import InputError
+from highside.long_arrays import by_runs, concatenated, counted, is_long, numbered_rows, runs_of
 from highside.physics.state import ChainState
+from highside.scratch_arrays import evaluated
 
 ACCEL = ("ax", "ay", "az")
 GYROS = ("gx", "gy", "gz")
+PER_ROW = (
+    "t_s",
+    "inc_rad",
+    "tf_rad",
+    "direction",
+    "temp_c",
+    "rotor_rate_radps",
+    "rotor_accel_radps2",
+    "inc_rate_radps",
+    "vibration_rms_g",
+)
+"""what is known of each row of a rotation"""
 FIRST_GYRO = len(ACCEL)
 """number of the first channel that is a gyro, where there are any"""
 
@@ -32,11 +47,23 @@ class RotationSession:
     state: ChainState
     omitted: NDArray[np.bool_] | None = None
     """(n,) rows that say nothing of physics: a reading at its limit"""
+    finer_blocks: bool = field(default=False, kw_only=True)
+    """whether the noise's levels are followed in blocks of few rows"""
+
+    @property
+    def shortest_block_s(self) -> float:
+        """Blocks by whose means a noise with memory is observed are no shorter, s."""
+        return min(GRAMS.block_s, GRAMS.block_rows * self.step_s) if self.finer_blocks else GRAMS.block_s
 
     @property
     def n(self) -> int:
         """Number of rows."""
         return int(self.readings.shape[1])
+
+    @property
+    def long(self) -> bool:
+        """Whether the rows are not in the memory."""
+        return is_long(self.readings)
 
     @property
     def gyros(self) -> bool:
@@ -56,7 +83,7 @@ class RotationSession:
     @cached_property
     def places(self) -> Array:
         """(n,) time of each row since the first in steps; their numbers where no rows are missing."""
-        number = np.arange(self.n, dtype=float)
+        number = numbered_rows(self.state.t_s)
         elapsed = (self.state.t_s - self.state.t_s[0]) / self.step_s
         return np.round(elapsed) if elapsed[-1] > (1 + ROW_SESSIONS.missing) * number[-1] else number
 
@@ -75,22 +102,55 @@ class RotationSession:
         )
 
     @cached_property
+    def sample_rows(self) -> NDArray[np.intp]:
+        """Rows that stand for all where these are too many: stretches spread over the recording."""
+        length = min(ROW_SESSIONS.sample, self.n) // ROW_SESSIONS.sample_stretches
+        starts = np.linspace(0, self.n - length, ROW_SESSIONS.sample_stretches).astype(np.intp)
+        return np.unique(starts[:, None] + np.arange(length))
+
+    @cached_property
+    def sample(self) -> RotationSession:
+        """These rows, in the memory."""
+        rows = self.sample_rows
+        omitted = None if self.omitted is None else self.omitted[rows]
+        return RotationSession(np.ascontiguousarray(self.readings[:, rows]), self.state.rows(rows), omitted)
+
+    @property
+    def sample_stretch(self) -> tuple[slice, RotationSession]:
+        """One stretch of the sample, in the middle: which of its rows, and these."""
+        length = self.sample_rows.size // ROW_SESSIONS.sample_stretches
+        own = slice(ROW_SESSIONS.sample_stretches // 2 * length, (ROW_SESSIONS.sample_stretches // 2 + 1) * length)
+        first = int(self.sample_rows[own.start])
+        return own, self.stretch(slice(first, first + length))
+
+    def stretch(self, part: slice) -> RotationSession:
+        """A run of the rows, in the memory."""
+        if part == slice(0, self.n) and not self.long:
+            return self
+        omitted = None if self.omitted is None else self.omitted[part]
+        return RotationSession(np.ascontiguousarray(self.readings[:, part]), self.state.rows(part), omitted)
+
+    @cached_property
     def rate_group(self) -> NDArray[np.intp]:
         """(n,) number of the steady rate a row belongs to; -1 on ramps. At most so many, of like rates."""
         rate = self.state.rotor_rate_radps
         steady = np.abs(self.state.rotor_accel_radps2) < ROW_SESSIONS.steady * max(float(np.ptp(rate)), 1e-9)
-        group = np.full(self.n, -1, dtype=np.intp)
+        group = by_runs(rate, (self.n,), lambda part: np.full(part.stop - part.start, -1, dtype=np.intp))
         if np.ptp(rate) == 0 or not steady.any():
             return group
         levels = np.round(rate / (ROW_SESSIONS.level * max(float(np.abs(rate).max()), 1e-9)))
-        found, number, count = np.unique(levels[steady], return_inverse=True, return_counts=True)
+        found, count = counted(levels[part][steady[part]] for part in runs_of(self.n))
         large = np.flatnonzero(count > ROW_SESSIONS.least_share * self.n)
         if large.size < 2:
             return group
         order = np.full(found.size, -1, dtype=np.intp)
         order[large] = np.arange(large.size) * min(ROW_SESSIONS.rate_groups, large.size) // large.size
-        group[steady] = order[number.reshape(-1)]
-        return group
+
+        def of(part: slice) -> NDArray[np.intp]:
+            at = np.minimum(np.searchsorted(found, levels[part]), found.size - 1)
+            return np.where(steady[part], order[at], -1)
+
+        return by_runs(rate, (self.n,), of)
 
 
 def rotation_session(
@@ -123,5 +183,9 @@ def rotation_session(
         latitude_rad=latitude_rad,
         azimuth_rad=azimuth_rad,
     )
-    readings = accel_g if gyro_radps is None else np.concatenate([accel_g, gyro_radps])
+    readings = accel_g if gyro_radps is None else concatenated([accel_g, gyro_radps])
+    if is_long(readings):
+        # what is read in each pass is worked out once
+        made: dict[str, Any] = {name: evaluated(getattr(state, name)) for name in PER_ROW}
+        return RotationSession(evaluated(readings), replace(state, **made), omitted)
     return RotationSession(np.ascontiguousarray(readings, dtype=float), state, omitted)

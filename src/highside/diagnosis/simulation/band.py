@@ -35,9 +35,9 @@ class Hump:
         """The size of it."""
         low, high = self.band_hz
         return (
-            f"{self.channel} departs by {self.left:.2g} {self.unit}, of which noise that is as large at lower "
-            f"frequencies explains {self.floor:.2g}: from {low:.2g} to {high:.2g} Hz something moves that the "
-            "prediction does not have"
+            f"{self.channel} is left with {self.left:.2g} {self.unit} rms, where noise would leave "
+            f"{self.floor:.2g}: something moves that the prediction does not have, from {low:.2g} to "
+            f"{high:.2g} Hz"
         )
 
 
@@ -75,7 +75,8 @@ def with_humps(diagnosis: DiagnosisResult, found: Sequence[Hump]) -> DiagnosisRe
     """The diagnosis with what stands out of the noise's spectrum: something is left then, named or not."""
     if not found:
         return diagnosis
-    with_hint = hinted(diagnosis, found[0].words)
+    others = ", ".join(hump.channel for hump in found[1:])
+    with_hint = hinted(diagnosis, found[0].words + (f" (likewise {others})" if others else ""))
     if diagnosis.verdict == "nothing_left_out":
         return replace(with_hint, verdict="unknown")
     return replace(with_hint, verdict="named_plus") if diagnosis.verdict == "named" else with_hint

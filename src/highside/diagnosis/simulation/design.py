@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +36,9 @@ TONE_SHAPE = next(p.name for p in TONE.parameters if p.line_over)
 PREDICTED, SLOPE = "the prediction", "the change of the prediction"
 """What a factor and a delay act on, as covariates of a place."""
 
+Without = Mapping[str, str]
+"""effects that are no candidates, by id, each with the reason"""
+NONE: Without = MappingProxyType({})
 About = Mapping[str, tuple[float, ...]]
 """where effects that are not linear are taken: the values of their parameters, by id; empty at nothing"""
 
@@ -51,10 +55,18 @@ class SimulationDesign(Design):
 
     session: SimulationSession
 
-    def __init__(self, session: SimulationSession, free: Sequence[str], about: About) -> None:
+    def __init__(
+        self,
+        session: SimulationSession,
+        free: Sequence[str],
+        about: About,
+        without: Without = NONE,
+    ) -> None:
         session = session.about(about)
         super().__init__(session, free)
         self.about = about
+        self.without = without
+        """Effects that are no candidates, by id, with the reason"""
         self._rows: list[list[Array]] = [[] for _ in session.names]
         self.tangents: dict[str, Ints] = {}
         """Of effects that move the clock the columns by which they are fitted"""
@@ -85,6 +97,8 @@ class SimulationDesign(Design):
                 base += [number for number in self.tangents[effect.id].tolist() if number >= 0]
                 continue
             shown.add(effect.id)
+            if effect.id in self.without:
+                continue
             tried = [self._put_visible(effect, columns, scatter) for columns in term.columns]
             if effect.id in self.free:
                 base += [number for number in tried[0] if number >= 0]
@@ -102,6 +116,9 @@ class SimulationDesign(Design):
         self.unobservable = [Unobservable(OnChannels(e), e.channel_needs) for e in absent]
         small = "even the largest size that is plausible would not show in this recording"
         self.unobservable += [Unobservable(OnChannels(registry()[name]), small) for name in too_small]
+        self.unobservable += [
+            Unobservable(OnChannels(registry()[name]), why) for name, why in self.without.items() if name in shown
+        ]
 
     def _left(self, session: SimulationSession) -> Array:
         """(C, n) what all effects leave of the readings; 0 in rows that are left out."""
@@ -245,6 +262,15 @@ class SimulationDesign(Design):
                         )
             if variants:
                 self.candidates.append(Candidate(f"interaction:{name}", None, ("a",), tuple(variants)))
+
+
+def parts_of_amounts(design: SimulationDesign, amounts: Mapping[str, Sequence[tuple[int, float]]]) -> dict[str, Array]:
+    """(C, n) what each effect does to the channels, by its id, of so much of each of its columns."""
+    return {
+        name: np.sum([amount * design.column(number) for number, amount in own], axis=0)
+        for name, own in amounts.items()
+        if own
+    }
 
 
 def _within_band(session: SimulationSession, rows: Array) -> tuple[Array, float]:

@@ -65,17 +65,21 @@ class HiddenMotion:
 
 def no_noise(
     left: Array,
-    white: Array,
+    white: Array | None,
     step_s: float,
     omitted: NDArray[np.bool_] | None,
     channels: Sequence[str],
 ) -> NoNoise | None:
-    """What is left (C, n), and the same whitened (C, n), as that which no noise of sensors does, if it is certain."""
+    """What is left (C, n), and the same whitened (C, n), as that which no noise of sensors does, if it is certain.
+
+    Without the latter it is not asked whether channels depart together.
+    """
     kept = np.ones(left.shape[1], dtype=bool) if omitted is None else ~omitted
-    rows, whitened = (
-        np.where(kept, values - values[:, kept].mean(axis=1, keepdims=True), 0.0) for values in (left, white)
-    )
-    tests = (_rising(rows, step_s, channels), _moving(rows, step_s, channels), _shared(whitened, step_s, channels))
+    rows = np.where(kept, left - left[:, kept].mean(axis=1, keepdims=True), 0.0)
+    tests = [_rising(rows, step_s, channels), _moving(rows, step_s, channels)]
+    if white is not None:
+        whitened = np.where(kept, white - white[:, kept].mean(axis=1, keepdims=True), 0.0)
+        tests.append(_shared(whitened, step_s, channels))
     found = [one for one in tests if one is not None]
     best = min(found, key=lambda one: one.p, default=None)
     return best if best is not None and len(found) * best.p < BAND.chance else None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -23,15 +23,25 @@ from highside.diagnosis.core.regression import outside, solved
 from highside.diagnosis.core.result import DiagnosisResult, Fit, FittedParameter, Location
 from highside.diagnosis.core.rivals import Rivalry
 from highside.diagnosis.core.stability import Stability
-from highside.diagnosis.rows.gram import HeldOutRows, Key
+from highside.diagnosis.rows.gram import HeldOutRows
 from highside.diagnosis.rows.inner_products import InnerProducts
 from highside.diagnosis.rows.jitter import with_jitter
 from highside.diagnosis.rows.noise import RotationNoise, estimate
 from highside.diagnosis.rows.problem import RowsProblem, RowsSelectionState
+from highside.diagnosis.rows.segments import Key
 from highside.diagnosis.simulation.activity import by_activity
+from highside.diagnosis.simulation.clock_or_filter import better_than, without_filter
 from highside.diagnosis.simulation.constancy import stability_beside, steady_terms
 from highside.diagnosis.simulation.constants import with_constants
-from highside.diagnosis.simulation.design import TONE_SHAPE, About, SimulationDesign, covariates_of
+from highside.diagnosis.simulation.design import (
+    NONE,
+    TONE_SHAPE,
+    About,
+    SimulationDesign,
+    Without,
+    covariates_of,
+    parts_of_amounts,
+)
 from highside.diagnosis.simulation.policy import SIMULATION, SIMULATION_CHOICE
 from highside.diagnosis.simulation.session import OFFSET, SKEW, SimulationSession
 from highside.physics.channel_effect import OnChannels
@@ -57,38 +67,25 @@ class SimulationProblem(RowsProblem):
         if a.same_clock and 2 * np.pi * session.band_hz * max(abs(a.lag_s), end) > SIMULATION_CHOICE.phase:
             start: About = {OFFSET: (a.lag_s,)} if not a.rate else {OFFSET: (a.lag_s,), SKEW: (a.rate,)}
             moved = cls._settled(session, free, seed, start)
-            if moved._better_than(found):
-                return moved
-        return found
+            found = moved if better_than(moved, found) else found
+        return without_filter(found, partial(cls._settled, session, free, seed))
 
     @classmethod
-    def _settled(cls, session: SimulationSession, free: tuple[str, ...], seed: int, about: About) -> SimulationProblem:
-        problem = cls._about(session, free, seed, about)
+    def _settled(
+        cls, session: SimulationSession, free: tuple[str, ...], seed: int, about: About, without: Without = NONE
+    ) -> SimulationProblem:
+        problem = cls._about(session, free, seed, about, without)
         before, about = about, problem._nonlinear()
         for _ in range(SIMULATION_CHOICE.turns):
             if _near(before, about):
                 break
-            problem = cls._about(session, free, seed, about)
+            problem = cls._about(session, free, seed, about, without)
             before, about = about, problem._nonlinear()
         return problem
 
-    def _better_than(self, other: SimulationProblem) -> bool:
-        """Whether a first choice leaves less here, or as much with fewer effects."""
-        sizes, left = [], []
-        for scene in (self, other):
-            members = [m for m in scene._plain.selector.select() if scene.candidates[m.candidate].named]
-            kept = slice(None) if scene.session.omitted is None else ~scene.session.omitted
-            rest = scene.fit(members, scene.noise).residual[:, kept]
-            left.append(float(np.sum(np.log(np.maximum(np.mean(rest**2, axis=1), 1e-30)))))
-            sizes.append(len(members))
-        if abs(left[0] - left[1]) < SIMULATION_CHOICE.alike:
-            return sizes[0] < sizes[1]
-        return left[0] < left[1]
-
     def _nonlinear(self) -> About:
         """What a first choice says of effects that are not linear."""
-        terms = [m for m in self._plain.selector.select() if self.candidates[m.candidate].named]
-        found = self.fit(terms, self.noise).parameters
+        found = self.fit(self.chosen.terms, self.noise).parameters
         about: dict[str, tuple[float, ...]] = {}
         for candidate in self.candidates:
             effect = candidate.effect
@@ -102,8 +99,10 @@ class SimulationProblem(RowsProblem):
         return about
 
     @classmethod
-    def _about(cls, session: SimulationSession, free: tuple[str, ...], seed: int, about: About) -> SimulationProblem:
-        design = SimulationDesign(session, free, about)
+    def _about(
+        cls, session: SimulationSession, free: tuple[str, ...], seed: int, about: About, without: Without = NONE
+    ) -> SimulationProblem:
+        design = SimulationDesign(session, free, about, without)
         session = session.about(about)
         residual = session.readings - session.original
         if design.base.size:
@@ -130,6 +129,12 @@ class SimulationProblem(RowsProblem):
     def _plain(self) -> RowsSelectionState:
         """As judged without any memory."""
         return super().prepare(self.coloured_noise)
+
+    @cached_property
+    def chosen(self) -> RowsSelectionState:
+        """The effects with names that are chosen first, without any memory."""
+        terms = [m for m in self._plain.selector.select() if self.candidates[m.candidate].named]
+        return replace(self._plain, terms=terms)
 
     def prepare(self, noise: RotationNoise) -> RowsSelectionState:
         limits = self._plain
@@ -248,10 +253,12 @@ class SimulationProblem(RowsProblem):
         half = student_quantile(INTERVALS.upper, self.noise.freedom)
         tables: dict[str, dict[str, FittedParameter]] = {}
         outside: list[str] = []
+        amounts: dict[str, tuple[tuple[int, float], ...]] = {}
         left = self.residual.copy()
         for number, amount in moved.items():
             left -= amount * self.design.column(number)
         at = self.design.base.size
+        fitted = dict(zip(every.tolist(), solution.tolist(), strict=True))
         for k in range(every.size):
             left -= solution[k] * self.design.column(int(every[k]))
         for term, own in zip(terms, numbers, strict=True):
@@ -271,7 +278,9 @@ class SimulationProblem(RowsProblem):
             for name, value in self.variant(term).shape.items():
                 table[name] = self._of_shape(name, value, term)
             tables[effect.id] = table
-        return JointFit(tables, left, tuple(outside))
+            exact = [(n, a) for n, a in moved.items() if starts and n in self.numbers_of(term)]
+            amounts[effect.id] = (*exact, *((n, fitted[n]) for n in own.tolist() if n in fitted))
+        return JointFit(tables, left, tuple(outside), amounts=amounts)
 
     def _of_shape(self, name: str, value: float, term: Term) -> FittedParameter:
         """The frequency of a line, or the instant of a step: what their strength leaves of it."""
@@ -400,6 +409,8 @@ class SimulationProblem(RowsProblem):
             self.channels,
             self.session.units,
             covariates_of(self.session),
+            recorded=self.session.readings,
+            parts=parts_of_amounts(self.design, {} if fit is None else fit.amounts),
             sigma=tuple(float(s) for s in self.noise.sigma),
         )
 

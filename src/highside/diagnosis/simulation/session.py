@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highside.arrays import Array
+from highside.diagnosis.rows.policy import GRAMS
 from highside.diagnosis.rows.session import RotationSession
 from highside.diagnosis.simulation.alignment import Align, Alignment, align, filled, in_gap, usual_rate
 from highside.diagnosis.simulation.policy import SIMULATION_SESSIONS
@@ -95,6 +96,11 @@ class SimulationSession(RotationSession):
     """whether the grid is coarser than the rows of the recording, which were low-passed for it"""
     always_lost: NDArray[np.bool_] | None = None
     """(n,) rows left out wherever the clock is moved"""
+
+    @property
+    def shortest_block_s(self) -> float:
+        # what the filter has is learned beside few functions; in shorter blocks a level takes part of a motion
+        return GRAMS.block_s
 
     @property
     def elapsed_s(self) -> Array:

@@ -1,8 +1,9 @@
 """The numbers that decide for published tables.
 
-Each stands with its unit, what it means, and the reference or the run that set it. *Chosen* names the commit in which
-a value was put there by judgement: no run that varied it is on record. They are no settings for users: whoever moves
-one puts the engine to the sealed cases again (studies/sealed/score.py).
+Each stands with its unit, what it means, and the reference or the run that set it. *Chosen* names the commit in which a
+value was put there by judgement, before any run; *studies.thresholds* (python -m) the range of such a value in which no
+answer of its recordings changes. They are no settings for users: whoever moves one puts the engine to the sealed cases
+again (studies/sealed/score.py).
 """
 
 from __future__ import annotations

@@ -35,6 +35,7 @@ _TIME = _words(
 )
 _TEMPERATURE = frozenset({"temp", "temperature", "tmp", "temperatures", "temperatur", "temperatuur"})
 _REFERENCE = frozenset({"ref", "reference", "table", "bench", "true", "truth", "set", "nominal", "target"})
+_REFERENCES = ("inc_ref_deg", "tf_ref_deg", "azi_ref_deg")
 _NAMED_WITH_BLANKS = frozenset({"m_s2", "rad_s", "deg_s"})
 """units that end a name in two words"""
 _AXIS_ALONE = frozenset({"axis"})
@@ -162,3 +163,17 @@ def _quantity(words: list[str], axis: int | None, reference: bool) -> tuple[Quan
     if spoken & _TIME:
         return Quantity.TIME, "t_s"
     return None, None
+
+
+def possible_references(kept: Sequence[str], taken: Sequence[str]) -> dict[str, str]:
+    """Reference columns that no column of the file is taken for, and the first column whose name could speak of each.
+
+    `kept`: names of columns that go over as they are; `taken`: columns of ours that are found. An inclination may be
+    what the bench was set to or what the tool made of its own readings; only the user knows.
+    """
+    found: dict[str, str] = {}
+    for name in kept:
+        target = meaning(name, None, frozenset(), reference=True).target
+        if target in _REFERENCES and target not in taken:
+            found.setdefault(target, name)
+    return found

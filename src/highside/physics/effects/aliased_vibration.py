@@ -6,6 +6,7 @@ import numpy as np
 
 from highside.arrays import AnyArray
 from highside.physics.effect import AXES, Effect, Parameter, Stage, across
+from highside.physics.memory import unwrapped_angle
 from highside.physics.state import ChainState
 
 
@@ -32,7 +33,7 @@ class AliasedVibration(Effect):
     averages_out = "vibration in step with the rotation needs rotation"
 
     def delta(self, state: ChainState, p: AnyArray, x: AnyArray) -> AnyArray:
-        phase = p[6] * np.unwrap(state.tf_rad)
+        phase = p[6] * unwrapped_angle(state.tf_rad)
         return p[:3, None] * np.cos(phase) + p[3:6, None] * np.sin(phase)
 
 

@@ -78,6 +78,7 @@ def _binary_sensors(add: Callable[[str, str, str, str, str], dict[str, Any]], to
         device_class="problem",
         json_attributes_topic=topic("watch"),
         json_attributes_template="{{ {'verdict': value_json.verdict, 'advice': value_json.advice,"
+        " 'noise': value_json.noise_changes | map(attribute='axis') | list,"
         " 'class': value_json.claims | map(attribute='equivalence_class') | list} | tojson }}",
     )
     alarms = "{{ 'ON' if value_json.alarms else 'OFF' }}"

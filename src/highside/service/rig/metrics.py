@@ -249,6 +249,11 @@ def _watch(of: _Families, health: HealthMessage) -> Iterator[Metric]:
         ("watch_deviation_std", "std", "Its standard deviation."),
     ):
         yield of.gauges(name, text, [({"parameter": key}, value) for key, value in watch[member].items()])
+    yield of.gauges(
+        "watch_noise_factor",
+        "Scatter of an axis at rest against that of before, where it has changed; else 1.",
+        [({"axis": axis}, watch["noise"].get(axis, 1.0)) for axis in "xyz"],
+    )
     yield of.gauge("watch_inc_error_deg", "What departs does to inclination now.", watch["inc_error_deg"])
     yield of.gauge(
         "watch_tf_sin_inc_error_deg",

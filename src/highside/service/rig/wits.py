@@ -21,6 +21,7 @@ from typing import Any
 
 from highside.codec import wits0
 from highside.config.rig import WitsClient, WitsConfig, WitsItem, WitsSerial, WitsServer
+from highside.service.quiet_log import QuietLog
 
 log = logging.getLogger(__name__)
 
@@ -126,6 +127,7 @@ class WitsOutput:
         self._latest = latest
         self._clock = clock
         self._peers: set[_Peer] = set()
+        self._quiet = QuietLog(log)
 
     @property
     def name(self) -> str:
@@ -180,7 +182,7 @@ class WitsOutput:
 
     def _note(self, what: str) -> None:
         if what != self.stats.last_error:
-            log.warning("%s: %s", self.name, what)
+            self._quiet.say(logging.WARNING, what, "%s: %s", self.name, what)
         self.stats.last_error = what
 
     def _joined(self, peer: _Peer) -> None:
@@ -188,7 +190,7 @@ class WitsOutput:
         self.stats.opened += 1
         self.stats.last_error = ""
         self.stats.peers = len(self._peers)
-        log.info("%s: connected", self.name)
+        self._quiet.say(logging.INFO, "connected", "%s: connected", self.name)
 
     def _left(self, peer: _Peer, why: str) -> None:
         self._peers.discard(peer)

@@ -23,6 +23,8 @@ from typing import Any, Literal
 from highside.errors import HighsideError, Refused
 from highside.printable import one_line
 from highside.reading import parse_json, read_bytes
+from highside.words import _, said
+from highside.words.errors import error_told
 
 JOBS_MAX = 8
 """Viewers whose jobs are kept; the oldest that has ended makes room."""
@@ -73,6 +75,8 @@ class Job:
     size: int
     has_model: bool
     words: Words
+    language: str = "en"
+    """of its report"""
     stage: Stage = "looking"
     looked: dict[str, Any] = field(default_factory=dict)
     said: tuple[str, ...] = ()
@@ -120,7 +124,9 @@ class Jobs:
         if len(self._jobs) >= JOBS_MAX:
             ended = [key for key, job in self._jobs.items() if job.stage not in LIVE]
             if not ended:
-                raise Refused("others' diagnoses are in progress, and there is no place for another: come back later")
+                raise Refused(
+                    said("others' diagnoses are in progress, and there is no place for another: come back later")
+                )
             await self.forget(min(ended, key=lambda key: self._jobs[key].begun))
         folder = Path(tempfile.mkdtemp(dir=self._folder))
         suffix = next((one for one in SUFFIXES if name.lower().endswith(one)), ".csv")
@@ -129,7 +135,7 @@ class Jobs:
         self._jobs[viewer] = job
         await asyncio.to_thread(_keep, job, recording, model)
         if self._jobs.get(viewer) is not job:
-            raise Refused("another file was sent meanwhile from this browser")
+            raise Refused(said("another file was sent meanwhile from this browser"))
         self._start(job, self._look(job))
         return job
 
@@ -139,10 +145,10 @@ class Jobs:
             job.words, job.stage = words, "looking"
             self._start(job, self._look(job))
 
-    def run(self, job: Job) -> None:
-        """Diagnose what was looked at and confirmed."""
+    def run(self, job: Job, language: str = "en") -> None:
+        """Diagnose what was looked at and confirmed; the report is in that language."""
         if job.stage == "looked" and not any(doubt["open"] for doubt in job.looked["doubts"]):
-            job.stage = "waiting"
+            job.stage, job.language = "waiting", language
             self._start(job, self._diagnose(job))
 
     async def forget(self, viewer: str) -> None:
@@ -170,9 +176,10 @@ class Jobs:
         try:
             await work
         except HighsideError as error:
-            job.stage, job.said = "failed", (self._told(job, str(error)),)
+            job.stage, job.said = "failed", (self._told(job, error_told(error)),)
         except OSError as error:
-            job.stage, job.said = "failed", (f"cannot be done here: {error.strerror or type(error).__name__}",)
+            why = error.strerror or type(error).__name__
+            job.stage, job.said = "failed", (_("cannot be done here: %(why)s", why=why),)
         finally:
             job.ended = time.monotonic()
 
@@ -181,7 +188,7 @@ class Jobs:
         async with self._turn:
             status, out, err = await self._child(job, arguments, LOOK_S)
         if status != 0:
-            raise Refused(_last(err) or f"the file could not be looked at (status {status})")
+            raise Refused(_last(err) or said("the file could not be looked at (status %(status)s)", status=status))
         looked = parse_json(out, kind="answer", remedy="try again")
         job.looked = looked if isinstance(looked, dict) else {}
         job.stage = "looked"
@@ -195,14 +202,14 @@ class Jobs:
                 taken = ["import", str(job.recording), "--yes", f"--output={rows}", *job.words.arguments()]
                 status, _, err = await self._child(job, taken, LOOK_S)
                 if status != 0:
-                    raise Refused(_last(err) or f"the file could not be taken (status {status})")
+                    raise Refused(_last(err) or said("the file could not be taken (status %(status)s)", status=status))
             model, out = job.folder / "model.toml", job.answer.parent
-            asked = ["diagnose", str(rows), f"--model={model}", f"--out={out}"]
-            status, said, err = await self._child(job, asked, self._within_s)
+            asked = ["diagnose", str(rows), f"--model={model}", f"--out={out}", f"--language={job.language}"]
+            status, heard, err = await self._child(job, asked, self._within_s)
         # 1: the data are bad, which is an answer with a report
         if status not in (0, 1):
-            raise Refused(_last(err) or f"the diagnosis ended with status {status}")
-        lines = [self._told(job, line) for line in said.splitlines() if line.strip()]
+            raise Refused(_last(err) or said("the diagnosis ended with status %(status)s", status=status))
+        lines = [self._told(job, line) for line in heard.splitlines() if line.strip()]
         job.stage, job.said = "done", tuple(lines[:LINES_SHOWN])
 
     async def _child(self, job: Job, arguments: Sequence[str], within_s: float) -> tuple[int, str, str]:
@@ -219,12 +226,15 @@ class Jobs:
             async with asyncio.timeout(within_s):
                 status = await process.wait()
         except TimeoutError:
-            raise Refused(f"it took longer than {within_s / 60:.0f} min and was ended") from None
+            raise Refused(
+                said("it took longer than %(minutes)s min and was ended", minutes=f"{within_s / 60:.0f}")
+            ) from None
         finally:
             await _end(process)
         # a signal: the system, or a limit of ours, has ended it
         if status < 0:
-            raise Refused(f"it was ended by the system ({signal.Signals(-status).name}): too much memory or time")
+            name = signal.Signals(-status).name
+            raise Refused(said("it was ended by the system (%(signal)s): too much memory or time", signal=name))
         texts = [await asyncio.to_thread(_text, path) for path in (out, err)]
         return status, texts[0], texts[1]
 

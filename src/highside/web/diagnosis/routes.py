@@ -33,7 +33,10 @@ from highside.web.diagnosis.views import DiagnosisViews
 from highside.web.front import of_our_origin
 from highside.web.host import PageHost, notice
 from highside.web.navigation import Link
-from highside.web.records.routes import HEADERS
+from highside.web.plain import HEADERS
+from highside.web.words import _, said
+from highside.words import language
+from highside.words.errors import error_told
 
 VIEWER = "highside_viewer"
 """The cookie by which a browser finds its job again."""
@@ -100,14 +103,14 @@ class DiagnosisPages:
             if not self._may(request):
                 return HTMLResponse(self._views.sign_in(), 401, HEADERS)
             if request.method != "GET" and not of_our_origin(request.scope):
-                return notice("Refused", "This form does not come from a page of this server.", 403)
+                return notice(_("Refused"), _("This form does not come from a page of this server."), 403)
             viewer = request.cookies.get(VIEWER, "")
             known = _VIEWER.fullmatch(viewer) is not None
             viewer = viewer if known else secrets.token_urlsafe(24)
             try:
                 answer = await handler(request, viewer)
             except HighsideError as error:
-                answer = HTMLResponse(self._views.begin(str(error)), 409, HEADERS)
+                answer = HTMLResponse(self._views.begin(error_told(error)), 409, HEADERS)
             if not known:
                 assert self._host is not None
                 secure = self._host.settings.tls is not None
@@ -119,7 +122,7 @@ class DiagnosisPages:
     async def _sign_in(self, request: Request) -> Response:
         assert self._host is not None
         if not of_our_origin(request.scope):
-            return notice("Refused", "This form does not come from a page of this server.", 403)
+            return notice(_("Refused"), _("This form does not come from a page of this server."), 403)
         form = await request.form(max_files=0, max_fields=4)
         answer = self._host.let_in(_text(form, "token", 200))
         if answer.status_code == 303:
@@ -145,12 +148,12 @@ class DiagnosisPages:
         form = await request.form(max_files=2, max_fields=10)
         recording, model = form.get("recording"), form.get("model")
         if not isinstance(recording, UploadFile) or not recording.filename or not recording.size:
-            raise Refused("no recording was sent, or an empty one: choose a file")
+            raise Refused(_("no recording was sent, or an empty one: choose a file"))
         if recording.size > self._settings.upload_mb * 1_000_000:
-            raise Refused(f"the recording is larger than {self._settings.upload_mb} MB")
+            raise Refused(_("the recording is larger than %(most)s MB") % {"most": self._settings.upload_mb})
         text = await model.read(MODEL_MAX + 1) if isinstance(model, UploadFile) else b""
         if len(text) > MODEL_MAX:
-            raise Refused(f"the model is larger than {MODEL_MAX // 1000} KB: it is no model")
+            raise Refused(_("the model is larger than %(most)s KB: it is no model") % {"most": MODEL_MAX // 1000})
         await self._jobs.begin(viewer, recording.filename, await recording.read(), text, _words(form))
         return _back()
 
@@ -164,7 +167,7 @@ class DiagnosisPages:
     async def _run(self, request: Request, viewer: str) -> Response:
         job = self._jobs.of(viewer)
         if job is not None:
-            self._jobs.run(job)
+            self._jobs.run(job, language())
         return _back()
 
     async def _forget(self, request: Request, viewer: str) -> Response:
@@ -191,7 +194,7 @@ def _words(form: FormData) -> Words:
     """Raises Refused for more than anybody writes."""
     lines = [line.strip() for line in _text(form, "map", 4_000).splitlines() if line.strip()]
     if len(lines) > MAPPINGS_MAX:
-        raise Refused(f"{len(lines)} columns are named: at most {MAPPINGS_MAX}")
+        raise Refused(said("%(count)s columns are named: at most %(most)s", count=len(lines), most=MAPPINGS_MAX))
     units, axes, rate = _text(form, "units", 100), _text(form, "axes", 20), _text(form, "rate", 20)
     return Words(tuple(lines), units, axes, rate, form.get("poses") == "yes")
 
@@ -200,7 +203,7 @@ def _text(form: FormData, name: str, longest: int) -> str:
     """One line, or lines, without what no field needs. Raises Refused for one that is too long."""
     value = form.get(name, "")
     if not isinstance(value, str) or len(value) > longest:
-        raise Refused(f"{name} has more than {longest} characters")
+        raise Refused(said("%(name)s has more than %(most)s characters", name=name, most=longest))
     return "".join(letter for letter in value if letter.isprintable() or letter == "\n").strip()
 
 

@@ -4,19 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from highside.shown.card import templates
 from highside.web.diagnosis.jobs import LIVE, SUFFIXES, Job
 from highside.web.navigation import Link
+from highside.web.plain import render
+from highside.web.words import _, said_later
 
 WORDS = {
-    "looking": "Looking at the file.",
-    "looked": "Is this what the file holds?",
-    "waiting": "Waiting: another diagnosis is in progress.",
-    "running": "The diagnosis is in progress.",
-    "done": "The diagnosis is done.",
-    "failed": "It could not be done.",
+    "looking": said_later("Looking at the file."),
+    "looked": said_later("Is this what the file holds?"),
+    "waiting": said_later("Waiting: another diagnosis is in progress."),
+    "running": said_later("The diagnosis is in progress."),
+    "done": said_later("The diagnosis is done."),
+    "failed": said_later("It could not be done."),
 }
-OPEN = "The file leaves something open."
+OPEN = said_later("The file leaves something open.")
 COLUMNS_SHOWN = 60
 
 
@@ -37,22 +38,25 @@ class DiagnosisViews:
 
     def words(self, job: Job, before: int) -> str:
         """What it is and how it stands, in a sentence or two."""
-        size = f"{job.size / 1e6:.1f} MB" if job.size >= 100_000 else f"{job.size:,} bytes"
-        what = f"{job.name}, {size}, {'with' if job.has_model else 'without'} a model."
+        size = f"{job.size / 1e6:.1f} MB" if job.size >= 100_000 else _("%(count)s bytes") % {"count": f"{job.size:,}"}
+        model = _("with a model") if job.has_model else _("without a model")
+        what = f"{job.name}, {size}, {model}."
+        seconds = {"seconds": f"{job.age_s:.0f}"}
         if job.stage in ("looking", "waiting") and before:
-            return f"{what} {before} before it."
+            return f"{what} " + _("%(count)s before it.") % {"count": before}
         if job.stage in LIVE:
-            return f"{what} {job.age_s:.0f} s so far."
-        return f"{what} It took {job.age_s:.0f} s." if job.stage == "done" else what
+            return f"{what} " + _("%(seconds)s s so far.") % seconds
+        return f"{what} " + _("It took %(seconds)s s.") % seconds if job.stage == "done" else what
 
     def job(self, job: Job, before: int, *, report: bool) -> str:
         """One job; `before`: how many are before it, `report`: whether there is one to read."""
         doubts = job.looked.get("doubts", [])
         is_open = any(doubt["open"] for doubt in doubts)
+        heading = OPEN if is_open and job.stage == "looked" else WORDS[job.stage]
         return self._page(
             "job",
             job=job,
-            heading=OPEN if is_open and job.stage == "looked" else WORDS[job.stage],
+            heading=_(heading),
             live=job.stage in LIVE,
             words=self.words(job, before),
             columns=job.looked.get("columns", [])[:COLUMNS_SHOWN],
@@ -65,5 +69,4 @@ class DiagnosisViews:
         )
 
     def _page(self, template: str, **values: object) -> str:
-        found = templates("highside.web").get_template(f"diagnosis/{template}.html")
-        return found.render(links=self._links, here="/diagnosis", **values)
+        return render(f"diagnosis/{template}.html", self._links, "/diagnosis", **values)

@@ -13,12 +13,15 @@ from pathlib import Path
 from typing import Any
 
 from highside.bench.journal_file import FoundJournal, found_journal, journals
+from highside.bench.photographs import Found, photographs
 from highside.bench.session.journal import Journal, read_journal
 from highside.calibration.record import CalibrationRecord
 from highside.calibration.summary import summary
 from highside.errors import HighsideError, InputError
 from highside.reading import read_bytes
 from highside.recording.calibration_store import Activation, CalibrationStore
+from highside.web.words import _, said
+from highside.words.errors import error_told
 
 KEPT_MAX = 2_000
 """Lines of records and journals that are kept in the memory, some 2 KB each."""
@@ -129,9 +132,21 @@ class SessionShelf:
         is none of that name."""
         path = next((path for path in journals(self.directory) if path.stem == name), None)
         if path is None:
-            raise InputError("no session of that name is kept here")
+            raise InputError(said("no session of that name is kept here"))
         found = self._found(path)
         return found, None if found.state == "damaged" else read_journal(read_bytes(path), where=path.name)
+
+    def photographs_of(self, record: CalibrationRecord) -> tuple[Found, ...]:
+        """Those of the session that a record follows from; none where that session is not kept here."""
+        name = str(record.content["raw"]["name"]).removeprefix("session ")
+        try:
+            found, journal = self.session(name)
+        except InputError:
+            return ()
+        ended = None if journal is None else journal.ledger().ended
+        if journal is None or ended is None or ended.record != record.id:
+            return ()
+        return tuple(photographs(journal, found.path))
 
     def _found(self, path: Path) -> FoundJournal:
         state = file_state(path)
@@ -149,8 +164,16 @@ class SessionShelf:
 
 def told(error: HighsideError, directory: Path | None) -> str:
     """What a viewer reads of an error: without the place on this machine's disk."""
-    text = str(error)
-    return text if directory is None else text.replace(f"{directory}{os.sep}", "").replace(str(directory), "the store")
+    return _without_place(error_told(error), directory, _("the store"))
+
+
+def written(error: HighsideError, directory: Path) -> str:
+    """The same for the journal of acts, in English."""
+    return _without_place(str(error), directory, "the store")
+
+
+def _without_place(text: str, directory: Path | None, store: str) -> str:
+    return text if directory is None else text.replace(f"{directory}{os.sep}", "").replace(str(directory), store)
 
 
 def file_state(path: Path) -> _FileState | None:
@@ -165,17 +188,18 @@ def file_state(path: Path) -> _FileState | None:
 def _line(store: CalibrationStore, name: str) -> RecordLine:
     try:
         record = store.get(name)
-        said = summary(record)
+        known = summary(record)
     except HighsideError as error:
-        return RecordLine(name, refused=told(error, store.directory))
+        # kept for readers of all languages: told where it is shown
+        return RecordLine(name, refused=written(error, store.directory))
     return RecordLine(
         id=name,
-        tool=said["tool"],
-        serial=said["serial"],
-        method=said["method"],
-        created=said["created"],
-        expires=said["expires"],
+        tool=known["tool"],
+        serial=known["serial"],
+        method=known["method"],
+        created=known["created"],
+        expires=known["expires"],
         expires_s=record.expires_s,
-        poses=f"{said['poses_used']} of {said['poses']}",
-        signer=None if said["signature"] is None else said["signature"]["signer"],
+        poses=said("%(used)s of %(poses)s", used=known["poses_used"], poses=known["poses"]),
+        signer=None if known["signature"] is None else known["signature"]["signer"],
     )

@@ -6,11 +6,12 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from highside.bench.journal_file import FoundJournal
+from highside.bench.photographs import Found
 from highside.bench.session.entries import Noted
 from highside.bench.session.journal import Journal
 from highside.calibration.change import CoefficientChange, ReadingChange, RecordChange
@@ -18,9 +19,14 @@ from highside.calibration.record import CalibrationRecord, to_utc
 from highside.calibration.summary import summary
 from highside.calibration.zone import SHARED_NAMES, Zone
 from highside.recording.calibration_store import Activation
-from highside.shown.card import templates
 from highside.web.navigation import Link
+from highside.web.plain import render
 from highside.web.records.shelf import Listed, RecordLine
+from highside.web.words import _, several, told
+from highside.words import from_to
+
+if TYPE_CHECKING:
+    from highside.web.records.wanted import Wanted
 
 NOTED_SHOWN = 100
 """Notes of a session, the last ones."""
@@ -48,7 +54,8 @@ class Pages:
 
     @property
     def said(self) -> str:
-        return f"{self.first + 1} to {min(self.first + self.count, self.total)} of {self.total}"
+        last = min(self.first + self.count, self.total)
+        return _("%(first)s to %(last)s of %(total)s") % {"first": self.first + 1, "last": last, "total": self.total}
 
 
 class Views:
@@ -56,14 +63,14 @@ class Views:
 
     def __init__(self, links: Sequence[Link]) -> None:
         self._links = tuple(links)
-        self._templates = templates("highside.web")
 
     def calibrations(
         self, listed: Listed, pages: Pages, in_force: dict[str, str], now_s: float, trouble: str | None = None
     ) -> str:
         """The records of a store; `trouble`: why it is not known what is in force."""
         rows = [_record_row(line, in_force, now_s) for line in listed.lines]
-        said = "No calibration is kept here." if not listed.total else f"{_count(listed.total, 'calibration')} kept."
+        kept = several("%(count)s calibration kept.", "%(count)s calibrations kept.", listed.total)
+        said = kept % {"count": listed.total} if listed.total else _("No calibration is kept here.")
         return self._page("calibrations.html", "/calibrations", rows=rows, pages=pages, said=said, trouble=trouble)
 
     def calibration(
@@ -72,8 +79,9 @@ class Views:
         """One record; `history` is that of its tool."""
         known = summary(record)
         active = standing(history)
-        before = next((entry.record_id for entry in reversed(history) if entry.record_id != record.id), None)
-        other = active if active not in (None, record.id) else before
+        others = (entry.record_id for entry in reversed(history) if entry.record_id not in ("", record.id))
+        before = next(others, None)
+        other = active if active not in (None, "", record.id) else before
         return self._page(
             "calibration.html",
             "/calibrations",
@@ -89,6 +97,8 @@ class Views:
             history=[_history_row(entry, active, history) for entry in reversed(history)],
             other=other,
             other_in_force=other is not None and other == active,
+            is_active=active == record.id,
+            back=active == record.id,
             trouble=trouble,
         )
 
@@ -96,12 +106,12 @@ class Views:
         """From one record to another."""
         doubts = []
         if before.tool_id != after.tool_id or before.serial != after.serial:
-            doubts.append("These are calibrations of two tools: the differences are those of the tools.")
+            doubts.append(_("These are calibrations of two tools: the differences are those of the tools."))
         if before.result.method != after.result.method:
-            text = "Their methods differ: coefficients of one name need not mean the same. Judge by the readings."
+            text = _("Their methods differ: coefficients of one name need not mean the same. Judge by the readings.")
             doubts.append(text)
-        zones = [*(f"{name} (only in the first)" for name in found.only_before)]
-        zones += [f"{name} (only in the second)" for name in found.only_after]
+        zones = [_("%(zone)s (only in the first)") % {"zone": name} for name in found.only_before]
+        zones += [_("%(zone)s (only in the second)") % {"zone": name} for name in found.only_after]
         return self._page(
             "comparison.html",
             "/calibrations",
@@ -111,20 +121,58 @@ class Views:
             zones=zones,
             coefficients=[_change_row(row) for row in found.coefficients],
             readings=[_reading_row(row) for row in found.readings],
-            temp="the reference temperature of each" if found.temp_c is None else f"{found.temp_c:.1f} °C",
+            temp=_temperature(found),
             sigmas=f"{DEPARTS_SIGMAS:g}",
         )
 
+    def force(self, wanted: Wanted, found: RecordChange | None) -> str:
+        """What would change, and the button that does it."""
+        now = wanted.now
+        doubts = []
+        if now is not None and now.serial != wanted.then.serial:
+            numbers = {"before": now.serial or _("none"), "after": wanted.then.serial or _("none")}
+            doubts.append(_("The serial number changes from %(before)s to %(after)s.") % numbers)
+        doubts += (
+            [] if wanted.then.signature is not None or wanted.to_nothing else [_("This calibration is not signed.")]
+        )
+        return self._page(
+            "force.html",
+            "/calibrations",
+            heading="Take the calibration in force back?" if wanted.back else "Put this calibration in force?",
+            button="Take it back" if wanted.back else "Put it in force",
+            then=_side(wanted.then),
+            now=None if now is None else _side(now),
+            now_id=wanted.now_id,
+            to_nothing=wanted.to_nothing,
+            doubt=None if wanted.doubt is None else told(wanted.doubt),
+            doubts=doubts,
+            readings=[] if found is None else [_reading_row(row) for row in found.readings],
+            temp=_temperature(found),
+        )
+
+    def certificate(
+        self, record: CalibrationRecord, rows: list[tuple[str, str, str]], trouble: str | None, **more: Any
+    ) -> str:
+        """The form for a certificate: name, words and present value of each field; `more`: the chosen language, how
+        many photographs there are, and whether they are wanted."""
+        tool = _tool(record.tool_id, record.serial)
+        values = {"id": record.id, "short": record.id[:12], "tool": tool, "rows": rows, "trouble": trouble, **more}
+        return self._page("certificate.html", "/calibrations", **values)
+
     def sessions(self, found: Sequence[FoundJournal], pages: Pages) -> str:
         """The sessions, those written last first."""
-        said = "No bench session is kept here." if not pages.total else f"{_count(pages.total, 'bench session')} kept."
+        kept = several("%(count)s bench session kept.", "%(count)s bench sessions kept.", pages.total)
+        said = kept % {"count": pages.total} if pages.total else _("No bench session is kept here.")
         rows = [_session_row(one) for one in found]
         return self._page("sessions.html", "/sessions", rows=rows, pages=pages, said=said)
 
-    def session(self, found: FoundJournal, journal: Journal | None) -> str:
+    def session(self, found: FoundJournal, journal: Journal | None, photographs: Sequence[Found] = ()) -> str:
         """One session."""
         if journal is None:
-            return self.trouble("This journal is damaged.", "`highside calibrate bench --resume` says where.")
+            return self.trouble(
+                _("This journal is damaged."),
+                _("%(command)s says where.") % {"command": "highside calibrate bench --resume"},
+            )
         ledger, header = journal.ledger(), journal.header
         ended = ledger.ended
         return self._page(
@@ -134,15 +182,16 @@ class Views:
             state=found.state,
             facts=_session_facts(journal, found),
             poses=[_pose_line(line) for line in ledger.lines.values()],
-            refused=[(reason.value, count) for reason, count in ledger.refused.items()],
+            refused=[(reason.text, count) for reason, count in ledger.refused.items()],
             record=None if ended is None else ended.record,
             report=bool(ledger.done) and found.state != "in use",
             measuring=found.state == "in use",
             notes=[
-                (_when(at), entry.text)
+                (_when(at), told(entry.text))
                 for entry, at in zip(journal.entries, journal.times_s, strict=True)
                 if isinstance(entry, Noted)
             ][-NOTED_SHOWN:],
+            photographs=[(_when(one.at_s), one.entry, told(one.trouble)) for one in photographs],
             judged=None if header.judged is None else header.judged.id,
         )
 
@@ -151,7 +200,7 @@ class Views:
         return self._page("trouble.html", "", said=said, text=text)
 
     def _page(self, template: str, here: str, **values: object) -> str:
-        return self._templates.get_template(f"plain/{template}").render(links=self._links, here=here, **values)
+        return render(f"plain/{template}", self._links, here, **values)
 
 
 def standing(history: Sequence[Activation]) -> str | None:
@@ -163,7 +212,7 @@ def with_band(value: float, std: float, scale: float = 1.0) -> str:
     """A value with its 95 % band, with two digits of the band."""
     band = 2.0 * std * scale
     if not (band > 0.0 and math.isfinite(band)):
-        return f"{value * scale:+.8g} (not estimated)"
+        return _("%(value)s (not estimated)") % {"value": f"{value * scale:+.8g}"}
     digits = min(9, max(0, 1 - math.floor(math.log10(band))))
     return f"{value * scale:+.{digits}f} ± {band:.{digits}f}"
 
@@ -171,16 +220,16 @@ def with_band(value: float, std: float, scale: float = 1.0) -> str:
 # --- rows ----------------------------------------------------------------------------------------------------------
 
 
-def _count(number: int, what: str) -> str:
-    return f"{number} {what}{'' if number == 1 else 's'}"
+def _tool(name: str, serial: str | None) -> str:
+    return name + (", " + _("serial number %(serial)s") % {"serial": serial} if serial else "")
 
 
 def _sign(name: str, expires_s: float | None, active: str | None, now_s: float) -> dict[str, str]:
     """What stands beside a record, and its look."""
     expired = expires_s is not None and expires_s <= now_s
     if name == active:
-        return {"text": "in force, expired" if expired else "in force", "look": "departs" if expired else "live"}
-    return {"text": "expired", "look": "offline"} if expired else {"text": "", "look": ""}
+        return {"text": _("in force, expired") if expired else _("in force"), "look": "departs" if expired else "live"}
+    return {"text": _("expired"), "look": "offline"} if expired else {"text": "", "look": ""}
 
 
 def _record_row(line: RecordLine, in_force: dict[str, str], now_s: float) -> dict[str, Any]:
@@ -188,7 +237,7 @@ def _record_row(line: RecordLine, in_force: dict[str, str], now_s: float) -> dic
         "line": line,
         "short": line.id[:12],
         "created": _spaced(line.created),
-        "expires": "never" if line.expires is None else _spaced(line.expires),
+        "expires": _("never") if line.expires is None else _spaced(line.expires),
         "sign": _sign(line.id, line.expires_s, in_force.get(line.tool), now_s),
     }
 
@@ -199,34 +248,39 @@ def _facts(known: dict[str, Any]) -> list[tuple[str, str]]:
     rms = known["rms_residual_g"]
     worst = known["worst_pose"]
     rows = [
-        ("tool", known["tool"] + (f", serial {known['serial']}" if known["serial"] else "")),
-        ("made", _spaced(known["created"]) + f", by {known['software']['name']} {known['software']['version']}"),
-        ("expires", "never" if known["expires"] is None else _spaced(known["expires"])),
-        ("method", known["method"] + (f" ({options})" if options else "")),
-        ("angles referred to", known["frame"]),
-        ("bench", environment["bench"] or "not named"),
-        ("operator", environment["operator"] or "not named"),
-        ("temperature", "not known" if environment["temp_c"] is None else f"{environment['temp_c']:.1f} °C"),
-        ("poses used", f"{known['poses_used']} of {known['poses']}"),
-        ("residual, rms", "not known" if rms is None else f"{1e6 * rms:.1f} µg"),
-        ("noise of a reading", f"{1e6 * known['reading_noise_g']:.1f} µg"),
+        (_("tool"), _tool(known["tool"], known["serial"])),
+        (_("made"), f"{_spaced(known['created'])}, {known['software']['name']} {known['software']['version']}"),
+        (_("expires"), _("never") if known["expires"] is None else _spaced(known["expires"])),
+        (_("method"), known["method"] + (f" ({options})" if options else "")),
+        (_("angles referred to"), told(known["frame"])),
+        (_("bench"), environment["bench"] or _("not named")),
+        (_("operator"), environment["operator"] or _("not named")),
+        (_("temperature"), _("not known") if environment["temp_c"] is None else f"{environment['temp_c']:.1f} °C"),
+        (_("poses used"), _("%(used)s of %(poses)s") % {"used": known["poses_used"], "poses": known["poses"]}),
+        (_("residual, rms"), _("not known") if rms is None else f"{1e6 * rms:.1f} µg"),
+        (_("noise of a reading"), f"{1e6 * known['reading_noise_g']:.1f} µg"),
     ]
     if worst is not None and worst["sigmas"] > 0.0:
-        rows.append(("worst pose", f"{worst['pose']}, {worst['sigmas']:.1f} σ"))
+        rows.append((_("worst pose"), f"{worst['pose']}, {worst['sigmas']:.1f} σ"))
     if any(known["tilt_deg"]):
         along, across = known["tilt_deg"]
-        rows.append(("tilt of the bench", f"{along:+.4f}° in the plane of inclination, {across:+.4f}° across"))
-    rows += [(f"law {law['slug']}", f"{law['place']} {', '.join(law['channels'])}") for law in known["laws"]]
+        tilts = {"along": f"{along:+.4f}°", "across": f"{across:+.4f}°"}
+        rows.append((_("tilt of the bench"), _("%(along)s in the plane of inclination, %(across)s across") % tilts))
+    rows += [
+        (_("law %(name)s") % {"name": law["slug"]}, f"{law['place']} {', '.join(law['channels'])}")
+        for law in known["laws"]
+    ]
     if known["fallback"]:
-        rows.append(("beyond the zones", known["fallback"]))
+        rows.append((_("beyond the zones"), known["fallback"]))
     if known["parent"]:
-        rows.append(("made in the hole of", known["parent"][:12]))
+        rows.append((_("made in the hole of"), known["parent"][:12]))
     signature = known["signature"]
-    signed = (
-        "no" if signature is None else f"{_spaced(signature['time'])}, names {signature['signer']}; not checked here"
-    )
-    rows.append(("signed", signed))
-    rows.append(("raw data", f"{known['raw']['name']}, SHA-256 {known['raw']['sha256'][:16]}…"))
+    signed = _("no")
+    if signature is not None:
+        signer = {"at": _spaced(signature["time"]), "signer": signature["signer"]}
+        signed = _("%(at)s, names %(signer)s; not checked here") % signer
+    rows.append((_("signed"), signed))
+    rows.append((_("raw data"), f"{known['raw']['name']}, SHA-256 {known['raw']['sha256'][:16]}…"))
     return rows
 
 
@@ -247,8 +301,8 @@ def _zone_rows(zone: Zone) -> dict[str, Any]:
         rows.append((name, with_band(float(value), parameters.std(name), scale), unit))
     held = np.rad2deg((zone.inc_min_rad, zone.inc_max_rad))
     temperature = zone.temperature
-    over = "" if temperature is None else f", {temperature.min_c:.1f} to {temperature.max_c:.1f} °C"
-    return {"name": zone.name, "holds": f"I {held[0]:.2f}° to {held[1]:.2f}°{over}", "rows": rows}
+    over = "" if temperature is None else f", {from_to(f'{temperature.min_c:.1f}', f'{temperature.max_c:.1f}')} °C"
+    return {"name": zone.name, "holds": f"I {from_to(f'{held[0]:.2f}°', f'{held[1]:.2f}°')}{over}", "rows": rows}
 
 
 def _uncertainty_row(row: dict[str, Any]) -> tuple[str, str, str, str]:
@@ -275,9 +329,9 @@ def _history_row(entry: Activation, active: str | None, history: Sequence[Activa
     return {
         "number": entry.number,
         "at": _spaced(to_utc(entry.at_s)),
-        "action": "put in force" if entry.action == "activate" else "rolled back to",
+        "action": _("put in force") if entry.action == "activate" else _("rolled back to"),
         "id": entry.record_id,
-        "short": entry.record_id[:12],
+        "short": entry.record_id[:12] or _("nothing"),
         "now": entry is history[-1] and entry.record_id == active,
     }
 
@@ -286,7 +340,7 @@ def _side(record: CalibrationRecord) -> dict[str, str]:
     return {
         "id": record.id,
         "short": record.id[:12],
-        "tool": record.tool_id + (f", serial {record.serial}" if record.serial else ""),
+        "tool": _tool(record.tool_id, record.serial),
         "made": _spaced(str(record.content["created"])),
         "method": record.result.method,
     }
@@ -307,11 +361,16 @@ def _change_row(row: CoefficientChange) -> dict[str, Any]:
     }
 
 
+def _temperature(found: RecordChange | None) -> str:
+    known = None if found is None else found.temp_c
+    return _("the reference temperature of each") if known is None else f"{known:.1f} °C"
+
+
 def _reading_row(row: ReadingChange) -> dict[str, Any]:
     def said(change: float | None, std: float | None) -> tuple[str, bool]:
         if change is None:
-            return "one of them does not hold here", False
-        band = "" if std is None else f" (band of the difference ± {2 * std:.4f}°)"
+            return _("one of them does not hold here"), False
+        band = "" if std is None else " " + _("(band of the difference ± %(band)s)") % {"band": f"{2 * std:.4f}°"}
         return f"{change:.4f}°{band}", std is not None and change > DEPARTS_SIGMAS * std
 
     inc, inc_departs = said(row.inc_change_deg, row.inc_std_deg)
@@ -334,16 +393,16 @@ def _session_facts(journal: Journal, found: FoundJournal) -> list[tuple[str, str
     header, ledger = journal.header, journal.ledger()
     environment = header.environment
     return [
-        ("tool", header.tool_id + (f", serial {header.serial}" if header.serial else "")),
-        ("plan", header.plan.title),
-        ("begun", _when(header.t_wall_s)),
-        ("last entry", _when(journal.times_s[-1]) if journal.times_s else "–"),
-        ("progress", found.progress),
-        ("taken again", str(ledger.retaken)),
-        ("omitted", str(ledger.skipped)),
-        ("bench", environment.bench or "not named"),
-        ("operator", ledger.operator or environment.operator or "not named"),
-        ("software", header.software),
+        (_("tool"), _tool(header.tool_id, header.serial)),
+        (_("plan"), told(header.plan.title)),
+        (_("begun"), _when(header.t_wall_s)),
+        (_("last entry"), _when(journal.times_s[-1]) if journal.times_s else "–"),
+        (_("progress"), told(found.progress)),
+        (_("taken again"), str(ledger.retaken)),
+        (_("omitted"), str(ledger.skipped)),
+        (_("bench"), environment.bench or _("not named")),
+        (_("operator"), ledger.operator or environment.operator or _("not named")),
+        (_("software"), header.software),
     ]
 
 
@@ -357,8 +416,16 @@ def _pose_line(line: Any) -> dict[str, Any]:
         "readings": "–" if readings is None else str(readings.n),
         "sigmas": "–" if line.sigmas is None else f"{line.sigmas:.1f}",
         "attempts": line.attempts,
-        "reason": "" if line.reason is None else f"{line.reason.value}{f': {line.detail}' if line.detail else ''}",
+        "reason": ""
+        if line.reason is None
+        else told(line.reason.text) + (f" ({told(line.detail)})" if line.detail else ""),
     }
+
+
+def _why(line: Any) -> str:
+    if line.reason is None:
+        return ""
+    return told(line.reason.text) + (f" ({told(line.detail)})" if line.detail else "")
 
 
 def _spaced(utc: str) -> str:

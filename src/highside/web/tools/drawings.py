@@ -1,4 +1,4 @@
-"""What is drawn of a tool: its attitude in space, the toolface dial, the trend. Numbers in, shapes out."""
+"""What is drawn of a tool: the toolface dial, the trend. Numbers in, shapes out."""
 
 from __future__ import annotations
 
@@ -8,8 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from highside.web.tools.state import Point
-
-Matrix = list[list[float]]
+from highside.web.words import _, said_later
 
 PAST_SHOWN = 8
 """Earlier toolfaces on the dial, the newest outermost, as a driller's display has them."""
@@ -17,21 +16,6 @@ BAND_SIGMAS = 2.0
 """Bands are of 95 %."""
 INK = "#46525d"
 """Words in a picture, on light paper; the style sheet inverts the picture where the browser wishes dark."""
-
-
-def orientation(inc_deg: float, tf_deg: float, azi_deg: float) -> Matrix:
-    """Direction cosines (3 x 3) from the tool frame (z along the axis, up-hole) to east, north, up.
-
-    The third row is the upward direction in the tool frame, (sin I cos T, sin I sin T, cos I): what the accelerometers
-    report. `azi_deg` is that of the hole's down direction, clockwise from north.
-    """
-    inc, tf, azi = (math.radians(angle) for angle in (inc_deg, tf_deg, azi_deg))
-    si, ci, st, ct, sa, ca = math.sin(inc), math.cos(inc), math.sin(tf), math.cos(tf), math.sin(azi), math.cos(azi)
-    # columns: the high side (toolface zero), its right, up-hole
-    high = (ci * sa, ci * ca, si)
-    right = (-ca, sa, 0.0)
-    up_hole = (-si * sa, -si * ca, ci)
-    return [[h * ct - r * st, h * st + r * ct, u] for h, r, u in zip(high, right, up_hole, strict=True)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,9 +45,11 @@ def dial(tf_deg: float | None, tf_std_deg: float | None, past_deg: Sequence[floa
         _mark(angle, 30.0 + 50.0 * (k + 1) / (len(shown) + 1), (k + 1) / len(shown)) for k, angle in enumerate(shown)
     )
     if tf_deg is None:
-        return Dial(None, "", marks, "toolface not known")
+        return Dial(None, "", marks, _("toolface not known"))
     half = None if tf_std_deg is None else BAND_SIGMAS * tf_std_deg
-    words = f"toolface {tf_deg % 360.0:.1f} degrees" + ("" if half is None else f", plus or minus {half:.2g}")
+    words = _("toolface %(angle)s degrees") % {"angle": f"{tf_deg % 360.0:.1f}"}
+    if half is not None:
+        words += ", " + _("plus or minus %(band)s") % {"band": f"{half:.2g}"}
     return Dial(_mark(tf_deg, 92.0, 1.0), "" if half is None else _sector(tf_deg, half), marks, words)
 
 
@@ -83,9 +69,9 @@ def _sector(centre_deg: float, half_deg: float) -> str:
 
 
 ROWS: tuple[tuple[str, str, str | None, str], ...] = (
-    ("inc_deg", "inclination, deg", "inc_std_deg", "#0b57a4"),
-    ("motor_toolface_deg", "toolface, deg", "tf_std_deg", "#b35c00"),
-    ("g_total", "|g|, local g", None, "#0b6e31"),
+    ("inc_deg", said_later("inclination, deg"), "inc_std_deg", "#0b57a4"),
+    ("motor_toolface_deg", said_later("toolface, deg"), "tf_std_deg", "#b35c00"),
+    ("g_total", said_later("|g|, local g"), None, "#0b6e31"),
 )
 """Panels of the trend: member of the reading, its name, its standard deviation, its colour"""
 
@@ -99,7 +85,7 @@ def trend(points: Sequence[Point], now: float) -> dict[str, Any]:
     heights = [f"{2 + 33 * k}%" for k in range(len(ROWS))]
     series: list[dict[str, Any]] = []
     for k, (name, label, std, colour) in enumerate(ROWS):
-        series += _lines(k, points, now, name, label, std, colour)
+        series += _lines(k, points, now, name, _(label), std, colour)
     return {
         "animation": False,
         "aria": {"enabled": True},
@@ -122,13 +108,13 @@ def trend(points: Sequence[Point], now: float) -> dict[str, Any]:
                 "gridIndex": k,
                 "type": "value",
                 "scale": True,
-                "name": label,
+                "name": _(label),
                 "nameLocation": "middle",
                 "nameGap": 48,
                 "nameTextStyle": {"color": INK},
                 "axisLabel": {"color": INK},
             }
-            for k, (_, label, _, _) in enumerate(ROWS)
+            for k, (_name, label, _std, _colour) in enumerate(ROWS)
         ],
         "series": series,
     }
@@ -157,9 +143,9 @@ def _lines(
     wide = [None if v is None or h is None else 2.0 * h for v, h in zip(values, halves, strict=True)]
     quiet = {"lineStyle": {"opacity": 0}, "stack": f"band {k}", "tooltip": {"show": False}, "silent": True}
     return [
-        place | quiet | {"name": f"{label}, lower end", "data": _pairs(times, low)},
-        place | quiet
-        | {"name": f"{label}, width", "data": _pairs(times, wide), "areaStyle": {"color": colour, "opacity": 0.25}},
+        place | quiet | {"name": _("%(name)s, lower end") % {"name": label}, "data": _pairs(times, low)},
+        place | quiet | {"name": _("%(name)s, width") % {"name": label}, "data": _pairs(times, wide)}
+        | {"areaStyle": {"color": colour, "opacity": 0.25}},
         *made,
     ]  # fmt: skip
 

@@ -7,9 +7,13 @@ import logging
 import random
 import secrets
 import time
+from typing import Any
+
+import aiomqtt
 
 from highside.config.mqtt import MqttSettings
-from highside.errors import InputError
+from highside.errors import InputError, Refused
+from highside.reading import MALFORMED, parse_json
 from highside.service.broker_client import (
     broker_client,
     connect_reason,
@@ -40,6 +44,8 @@ class Listener:
         self.connected = False
         self.reason = "not connected yet"
         """why there is no connection; empty while there is one"""
+        self._client: aiomqtt.Client | None = None
+        self._asked: dict[str, tuple[str, asyncio.Future[dict[str, Any]]]] = {}
         self.since_mono = time.monotonic()
         """when the connection began or was lost"""
 
@@ -74,17 +80,59 @@ class Listener:
                 granted = await client.subscribe([(f"{prefix}/+/{name}", 0) for name in TOPICS])
                 if any(_code(code) >= 0x80 for code in granted):
                     raise _RefusedError(f"the broker refuses the subscription to {prefix}/+: see its access list")
-                self._never_connected = False
+                self._never_connected, self._client = False, client
                 self.connected, self.reason, self.since_mono = True, "", time.monotonic()
                 # ends, with an error, when the connection does; messages go to `_take` and not here
                 async for _ in client.messages:
                     pass
         finally:
+            self._client = None
             if self.connected:
                 self.connected, self.since_mono = False, time.monotonic()
 
+    async def ask(self, topic: str, payload: bytes, identifier: str, within_s: float) -> dict[str, Any]:
+        """Publish a command below `topic` and wait for the answer that carries its id. Raises Refused where there is no
+        connection, or no answer within that time."""
+        client = self._client
+        if client is None:
+            raise Refused(f"no connection to the broker: {self.reason}")
+        place = f"{self._settings.prefix}/{topic}"
+        if len(self._asked) >= ASKED_MAX:
+            raise Refused("too many commands at once: try again in a few seconds")
+        answered: asyncio.Future[dict[str, Any]] = asyncio.get_running_loop().create_future()
+        self._asked[identifier] = (f"{place}/reply", answered)
+        try:
+            async with asyncio.timeout(within_s):
+                granted = await client.subscribe(f"{place}/reply", 0)
+                if any(_code(code) >= 0x80 for code in granted):
+                    raise Refused(f"the broker refuses the subscription to {place}/reply: see its access list")
+                await client.publish(f"{place}/command", payload, qos=1)
+                return await answered
+        except TimeoutError:
+            raise Refused(
+                "the service gave no answer: it is away, or this page may not command at the broker"
+            ) from None
+        except aiomqtt.MqttError as error:
+            raise Refused(
+                f"the connection to the broker was lost ({error}): it is not known whether it was done"
+            ) from None
+        finally:
+            del self._asked[identifier]
+
+    def _answered(self, topic: str, payload: bytes) -> bool:
+        """Whether this is an answer; who waits for it has it."""
+        if not topic.endswith("/reply"):
+            return False
+        reply = _reply(payload)
+        place, waiting = self._asked.get(str(reply.get("id")), (None, None))
+        if place == topic and waiting is not None and not waiting.done():
+            waiting.set_result(reply)
+        return True
+
     def _take(self, topic: str, payload: bytes, retained: bool) -> None:
         try:
+            if self._answered(topic, payload):
+                return
             self._tools.take(topic, payload, retained=retained, mono=time.monotonic(), utc=time.time())
         except Exception as error:
             # a defect of ours must not end the client's loop
@@ -99,8 +147,21 @@ class Listener:
         self._quiet.say(logging.WARNING, self.reason, "tools page: broker %s: %s (%s)", where, self.reason, error)
 
 
+ASKED_MAX = 20
+"""Commands that wait for their answers."""
+
+
 class _RefusedError(Exception):
     """The broker takes the connection and not the subscription."""
+
+
+def _reply(payload: bytes) -> dict[str, Any]:
+    """An answer; empty for what is none."""
+    try:
+        found = parse_json(payload)
+    except (*MALFORMED, InputError):
+        return {}
+    return found if isinstance(found, dict) else {}
 
 
 def _code(code: object) -> int:

@@ -9,17 +9,23 @@ import asyncio
 import time
 from dataclasses import fields
 from typing import TYPE_CHECKING
+from urllib.parse import quote
 
 from markupsafe import Markup
 from nicegui import Client, ui
 
 from highside.config.mqtt import MqttSettings
 from highside.web.host import CONNECT_WITHIN_S, is_drawn, is_there
+from highside.web.language import language_line
 from highside.web.navigation import Link
-from highside.web.tools.drawings import orientation, trend
+from highside.web.plain import person_line
+from highside.web.space import PAPER, draw_pipe, orientation
+from highside.web.tools.drawings import trend
 from highside.web.tools.state import History, Tools, ToolState
 from highside.web.tools.views import Broker, ToolPage, list_page, tool_page
 from highside.web.tools.watch_chart import watch_chart
+from highside.web.viewer import labelled, viewer
+from highside.web.words import _
 
 if TYPE_CHECKING:
     from nicegui.elements.echart import EChart
@@ -29,8 +35,6 @@ if TYPE_CHECKING:
 
 TREND_EVERY_S = 2.0
 """A picture of the trend has some 30 KB: not with each attitude."""
-LENGTH, RADIUS = 3.0, 0.28
-"""Of the tool in the picture, in units of its scene."""
 
 
 class Shown:
@@ -41,8 +45,8 @@ class Shown:
         self._listener = listener
         self._links = links
         self._where = f"{settings.host}:{settings.port}"
-        self._list: tuple[object, str] = (None, "")
-        self._pages: dict[str, tuple[object, ToolPage]] = {}
+        self._lists: dict[str, tuple[object, str]] = {}
+        self._pages: dict[tuple[str, str], tuple[object, ToolPage]] = {}
 
     def broker(self, now: float) -> Broker:
         """How this page stands with the broker."""
@@ -54,17 +58,19 @@ class Shown:
         broker = self.broker(now)
         heard = sum(tool.version for tool in self.tools.tools.values())
         key = (int(now), broker.connected, broker.reason, len(self.tools.tools), heard)
-        if self._list[0] != key:
-            self._list = (key, list_page(self.tools, broker, now, self._links))
-        return self._list[1]
+        language = viewer().language
+        known = self._lists.get(language)
+        if known is None or known[0] != key:
+            known = self._lists[language] = (key, list_page(self.tools, broker, now, self._links))
+        return known[1]
 
     def page(self, tool: ToolState, now: float) -> ToolPage:
         """A tool's page."""
         broker = self.broker(now)
         key = (tool.version, int(now), tool.condition(now), broker.connected, broker.reason)
-        known = self._pages.get(tool.tool)
+        known = self._pages.get((tool.tool, viewer().language))
         if known is None or known[0] != key:
-            known = self._pages[tool.tool] = (key, tool_page(tool, broker, now))
+            known = self._pages[tool.tool, viewer().language] = (key, tool_page(tool, broker, now))
         return known[1]
 
 
@@ -74,8 +80,10 @@ class ListView:
     def __init__(self, shown: Shown) -> None:
         self._shown = shown
         with ui.element("div").classes("tools-page"):
+            ui.html(person_line(), sanitize=False)
             # made by templates that escape: nothing of it needs the browser's sanitiser
             self._place = ui.html("", sanitize=False)
+            ui.html(language_line("/"), sanitize=False)
         self.show()
 
     def show(self) -> bool:
@@ -97,33 +105,35 @@ class ToolView:
         self._trend_at = -1e9
         self._history: History | None = None
         self._watch_chart: EChart | None = None
+        ui.html(person_line(tool.tool), sanitize=False)
         with ui.element("div").classes("tool-page"):
-            self._section("head", "what is going on")
-            self._section("figures", "inclination and toolface")
-            with ui.element("section").classes("space").props('aria-label="the tool in space"'):
+            self._section("head", _("what is going on"))
+            self._section("figures", _("inclination and toolface"))
+            with ui.element("section").classes("space").props(labelled(_("the tool in space"))):
                 self._build_scene()
-            self._section("dial", "toolface")
-            self._section("state", "readings", title="Readings", scrolls=True)
-            with ui.element("section").classes("trend").props('aria-label="the last ten minutes"'):
-                ui.html("<h2>The last ten minutes</h2>", sanitize=False)
+            self._section("dial", _("toolface"))
+            self._section("state", _("readings"), title=_("Readings"), scrolls=True)
+            with ui.element("section").classes("trend").props(labelled(_("the last ten minutes"))):
+                ui.html(_heading(_("The last ten minutes")), sanitize=False)
                 self._chart = ui.echart(trend((), 0.0)).classes("chart")
-            self._section("parts", "parts", title="Parts", scrolls=True)
-            self._section("surveys", "surveys", title="Surveys", scrolls=True)
+            self._section("parts", _("parts"), title=_("Parts"), scrolls=True)
+            self._section("surveys", _("surveys"), title=_("Surveys"), scrolls=True)
             self._build_watch()
-            self._section("events", "log", title="Log", scrolls=True)
+            self._section("events", _("log"), title=_("Log"), scrolls=True)
+        ui.html(language_line(f"/tool/{quote(tool.tool, safe='')}"), sanitize=False)
         self.show()
 
     def _section(self, name: str, label: str, *, title: str = "", scrolls: bool = False) -> None:
         reached = ' tabindex="0"' if scrolls else ""
-        with ui.element("section").classes(name).props(f'aria-label="{label}"{reached}'):
+        with ui.element("section").classes(name).props(f"{labelled(label)}{reached}"):
             if title:
-                ui.html(str(Markup("<h2>{}</h2>").format(title)), sanitize=False)
+                ui.html(_heading(title), sanitize=False)
             self._places[name] = ui.html("", sanitize=False).classes("drawn" if name == "dial" else "")
 
     def _build_watch(self) -> None:
         """The calibration over the last day; the picture comes with the first history."""
-        with ui.element("section").classes("watch").props('aria-label="the calibration" tabindex="0"'):
-            ui.html("<h2>The calibration over the last day</h2>", sanitize=False)
+        with ui.element("section").classes("watch").props(labelled(_("the calibration")) + ' tabindex="0"'):
+            ui.html(_heading(_("The calibration over the last day")), sanitize=False)
             self._places["watch"] = ui.html("", sanitize=False)
             self._watched = ui.element("div")
 
@@ -145,20 +155,13 @@ class ToolView:
     def _build_scene(self) -> None:
         """A pipe with its scribe line, the hole ahead below it, over the compass, seen from the high side of a hole to
         the north; without an azimuth it is drawn as if to the north."""
-        self._scene = ui.scene(width=360, height=300, grid=(8, 8), background_color="#dfe6ec", click_events=[])
+        self._scene = ui.scene(width=360, height=300, grid=(8, 8), background_color=PAPER, click_events=[])
         self._scene.classes("scene")
         with self._scene as scene:
             scene.move_camera(x=3.2, y=4.0, z=3.2, look_at_z=1.3, duration=0.0)
             scene.text("N", "color:#46525d").move(0.0, 3.2, 0.0)
-            scene.text("E", "color:#46525d").move(3.2, 0.0, 0.0)
-            with scene.group() as self._body:
-                self._body.move(0.0, 0.0, 2.0)
-                scene.cylinder(RADIUS, RADIUS, LENGTH, 48).rotate(1.570796326794897, 0.0, 0.0).material("#7c8b99")
-                # the scribe line is along +x of the sensor
-                scene.box(0.05, 0.08, LENGTH).move(RADIUS, 0.0, 0.0).material("#d02c2f")
-                scene.cylinder(0.0, RADIUS, 0.5, 48).rotate(-1.570796326794897, 0.0, 0.0).move(
-                    0.0, 0.0, -LENGTH / 2 - 0.25
-                ).material("#3b4650")
+            scene.text(_("E"), "color:#46525d").move(3.2, 0.0, 0.0)
+            self._body = draw_pipe(scene).move(0.0, 0.0, 2.0)
 
     def show(self) -> bool:
         """Put what has changed into the page; whether anything had."""
@@ -191,6 +194,10 @@ class ToolView:
         self._chart.options.update(trend(list(self._tool.trend), now))
         self._chart.update()
         return True
+
+
+def _heading(text: str) -> str:
+    return str(Markup("<h2>{}</h2>").format(text))
 
 
 async def follow(view: ListView | ToolView, client: Client, rate_hz: float) -> None:

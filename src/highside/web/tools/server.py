@@ -7,8 +7,8 @@
 and the pages of what is kept (`web.records.routes`), where [records] names it, and of a diagnosis
 (`web.diagnosis.routes`), where [diagnosis] enables it.
 
-No tool can be commanded here. Whoever reaches the address may look: it listens on this machine alone unless
-`[web] host` says otherwise.
+Without a file of users no tool can be commanded here, and whoever reaches the address may look: it listens on this
+machine alone unless `[web] host` says otherwise. With one, everybody signs in, and who may operate commands (`orders`).
 """
 
 from __future__ import annotations
@@ -23,18 +23,27 @@ from fastapi import Request, Response
 from fastapi.responses import JSONResponse
 from nicegui import background_tasks, ui
 
+from highside.config.certificate import load_certificate_fields
 from highside.config.serve import ServeFile
 from highside.service.tasks import ended
+from highside.web.benches.routes import BenchPages
 from highside.web.diagnosis.routes import DiagnosisPages
+from highside.web.front import BODY_WITHIN_S
 from highside.web.host import PageHost, notice
 from highside.web.navigation import Link
+from highside.web.plain import style
+from highside.web.records.certificates import BODY_MAX as CERTIFICATE_BODY_MAX
 from highside.web.records.routes import RecordPages
+from highside.web.settings.routes import BODY_MAX as SETTINGS_BODY_MAX
+from highside.web.settings.routes import BODY_WITHIN_S as SETTINGS_BODY_WITHIN_S
+from highside.web.settings.routes import SettingsPages
 from highside.web.tools.listener import Listener
+from highside.web.tools.orders import OrderPages
 from highside.web.tools.pages import ListView, Shown, ToolView, follow
 from highside.web.tools.state import Tools, ToolState
+from highside.web.words import _
 
 _STYLE = (Path(__file__).parent / "tools.css").read_text(encoding="utf-8")
-_PLAIN_STYLE = _STYLE + (Path(__file__).parents[1] / "plain.css").read_text(encoding="utf-8")
 _TOOL = "/tool/"
 
 
@@ -44,6 +53,8 @@ def links(settings: ServeFile) -> tuple[Link, ...]:
     found = [Link("/calibrations", "Calibrations")] if records.store is not None else []
     found += [Link("/sessions", "Bench sessions")] if records.sessions is not None else []
     found += [Link("/diagnosis", "Diagnosis")] if settings.diagnosis.enabled else []
+    found += [Link("/bench", "Bench")] if settings.bench.folder is not None else []
+    found += [Link("/settings", "Configuration")] if settings.settings is not None else []
     return (Link("/", "Tools"), *found) if found else ()
 
 
@@ -58,7 +69,9 @@ class ToolsPage:
         self._shown = Shown(self._tools, self._listener, settings.mqtt, self._links)
         # made when it is started: it has a folder of its own
         self._diagnosis: DiagnosisPages | None = None
-        self._host = PageHost(settings.web, is_page=_is_page, instead=self._unknown, allowed=self._allowed)
+        self._host = PageHost(
+            settings.web, is_page=_is_page, instead=self._unknown, allowed=self._allowed, links=self._links
+        )
         self._listening: asyncio.Task[None] | None = None
 
     @property
@@ -92,37 +105,47 @@ class ToolsPage:
     def _add_plain_pages(self) -> None:
         """What is kept, and a diagnosis, as far as they are configured."""
         app = self._host.app
-        if self._links:
-
-            @app.get("/style.css")
-            async def style() -> Response:
-                return Response(_PLAIN_STYLE, media_type="text/css", headers={"Cache-Control": "max-age=3600"})
-
-        RecordPages(self._settings.records, self._links).serve(app)
+        if self._links and self._host.people is None:
+            # with people it is the style of their pages, too
+            app.get("/style.css")(style)
+        named = self._settings.web.certificate
+        fields = None if named is None else load_certificate_fields(named)
+        RecordPages(self._settings.records, self._links, self._host.people, fields).serve(app)
+        if self._host.people is not None:
+            if self._settings.settings is not None:
+                SettingsPages(self._settings.settings, self._host.people.acts, self._links).serve(app)
+            OrderPages(self._tools, self._listener, self._host.people.acts, self._links).serve(app)
+        bench = self._settings.bench
+        if bench.folder is not None:
+            BenchPages(bench.folder, bench.state, self._links, self._host).serve()
         if self._settings.diagnosis.enabled:
             self._diagnosis = DiagnosisPages(self._settings.diagnosis, self._links)
             self._diagnosis.serve(self._host)
 
     def _allowed(self, request: Request) -> tuple[int, float] | None:
+        if request.url.path.endswith("/certificate") and self._host.may_command(request):
+            return CERTIFICATE_BODY_MAX, BODY_WITHIN_S
+        if request.url.path == "/settings" and self._settings.settings is not None and self._host.may_command(request):
+            return SETTINGS_BODY_MAX, SETTINGS_BODY_WITHIN_S
         return None if self._diagnosis is None else self._diagnosis.allowed(request)
 
     def _unknown(self, request: Request) -> Response | None:
         path = request.url.path
         if path.startswith(_TOOL) and self._of(path) is None:
-            return notice("Not found", "No tool of that name has been heard at this broker.", 404)
+            return notice(_("Not found"), _("No tool of that name has been heard at this broker."), 404)
         return None
 
     def _of(self, path: str) -> ToolState | None:
         return self._tools.tools.get(unquote(path.removeprefix(_TOOL)))
 
     async def _list(self, request: Request) -> None:
-        client, _ = self._host.admit(request)
+        client, _commands = self._host.admit(request)
         ui.add_css(_STYLE)
         view = ListView(self._shown)
         background_tasks.create(follow(view, client, self._settings.web.rate_hz), name=f"viewer {client.id}")
 
     async def _tool(self, request: Request, tool: str) -> None:
-        client, _ = self._host.admit(request)
+        client, _commands = self._host.admit(request)
         ui.add_css(_STYLE)
         ui.page_title(tool)
         view = ToolView(self._shown, self._tools.tools[tool])

@@ -36,6 +36,8 @@ EVENTS_KEPT = 200
 INTERVALS_KEPT = 15
 HISTORY_MAX = 1000
 """Points of a watch's history that are taken; a service sends 144."""
+CHANGES_MAX = 24
+"""Changes of the record in it that are taken; a service sends twelve."""
 PARAMETERS_MAX = 30
 """Its parameters; a calibration has twelve."""
 TEXT_MAX = 300
@@ -108,6 +110,8 @@ class History:
     inclination_deg: tuple[float | None, ...]
     evidence: tuple[float | None, ...]
     threshold: float | None
+    changes: tuple[tuple[float, str], ...] = ()
+    """hours at which another record, or another gravity, came into force, and the record from then on"""
 
 
 @dataclass(slots=True)
@@ -335,7 +339,14 @@ def history_of(said: dict[str, Any]) -> History | None:
         _numbers(said.get("inclination_deg"), count),
         _numbers(said.get("evidence"), count),
         number(said.get("threshold")),
+        _changes(said.get("changes"), now),
     )
+
+
+def _changes(listed: object, now: float) -> tuple[tuple[float, str], ...]:
+    found = [one for one in listed[:CHANGES_MAX] if isinstance(one, dict)] if isinstance(listed, list) else []
+    times = [(number(one.get("t")), text(one.get("cal_id"))[:12]) for one in found]
+    return tuple(sorted((round((t - now) / 3600.0, 4), cal_id) for t, cal_id in times if t is not None))
 
 
 def _numbers(value: object, count: int) -> tuple[float | None, ...]:

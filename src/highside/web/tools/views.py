@@ -15,7 +15,6 @@ from typing import Any
 from jinja2 import Environment
 
 from highside.service.alarms import ALARMS
-from highside.shown.card import templates
 from highside.web.navigation import Link
 from highside.web.tools.drawings import dial
 from highside.web.tools.state import (
@@ -30,16 +29,22 @@ from highside.web.tools.state import (
     text,
     texts,
 )
+from highside.web.words import _, said_later, several
+from highside.words.worded import worded
 
 WORDS: dict[Condition, str] = {
-    "live": "live",
-    "silent": "silent",
-    "offline": "offline",
-    "unknown": "never heard",
+    "live": said_later("live"),
+    "silent": said_later("silent"),
+    "offline": said_later("offline"),
+    "unknown": said_later("never heard"),
 }
 """What the sign of a tool says."""
 
-UNKNOWN_ALARM = "This page does not know the alarm: the tool's version is another; see its documentation."
+CLAIMS_MAX = 4
+"""that a page lists: a watch says one, or two where an axis is broken"""
+AXES = ("x", "y", "z")
+"""of a sensor: of no more is noise told"""
+UNKNOWN_ALARM = said_later("This page does not know the alarm: the tool's version is another; see its documentation.")
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,11 +103,12 @@ def list_page(tools: Tools, broker: Broker, now: float, links: Sequence[Link] = 
     rows = [_list_row(tool, now) for tool in tools.in_order(now)]
     count = sum(row["attention"] for row in rows)
     if not rows:
-        said = "No tool has been heard at this broker yet." if broker.connected else "No broker, no tools."
+        said = _("No tool has been heard at this broker yet.") if broker.connected else _("No broker, no tools.")
     elif count == 0:
-        said = f"{_tools(len(rows))}, nothing needs attention."
+        said = _("%(tools)s, nothing needs attention.") % {"tools": _tools(len(rows))}
     else:
-        said = f"{count} of {_tools(len(rows))} need{'s' if count == 1 else ''} attention."
+        said = several("%(count)s of %(tools)s needs attention.", "%(count)s of %(tools)s need attention.", count)
+        said = said % {"count": count, "tools": _tools(len(rows))}
     return _render("list.html", rows=rows, said=said, broker=broker, refused=tools.refused, links=links)
 
 
@@ -117,7 +123,7 @@ def tool_page(tool: ToolState, broker: Broker, now: float) -> ToolPage:
         head=_render(
             "head.html",
             tool=tool.tool,
-            sign=WORDS[condition],
+            sign=_(WORDS[condition]),
             condition=condition,
             broker=broker,
             said=_sentence(tool, now),
@@ -130,7 +136,15 @@ def tool_page(tool: ToolState, broker: Broker, now: float) -> ToolPage:
         parts=_render("rows.html", rows=_part_rows(tool, now), fresh=True),
         surveys=_render("surveys.html", surveys=[_survey(row) for row in reversed(tool.surveys)]),
         events=_render("events.html", events=[(_utc(event.utc), event.text) for event in reversed(tool.events)]),
-        watch=_render("watch.html", said=_watch_words(tool), rows=_parameters(tool)),
+        watch=_render(
+            "watch.html",
+            said=_watch_words(tool),
+            claims=_departures(tool),
+            # where it departs it stands at the top of the page
+            advice=() if departs(tool) else texts(tool.watch.get("advice")),
+            rows=_parameters(tool),
+            unseen=_unseen(tool),
+        ),
     )
 
 
@@ -138,7 +152,7 @@ def tool_page(tool: ToolState, broker: Broker, now: float) -> ToolPage:
 
 
 def _tools(count: int) -> str:
-    return "1 tool" if count == 1 else f"{count} tools"
+    return several("%(count)s tool", "%(count)s tools", count) % {"count": count}
 
 
 def _sentence(tool: ToolState, now: float) -> str:
@@ -146,14 +160,17 @@ def _sentence(tool: ToolState, now: float) -> str:
     condition, age = tool.condition(now), tool.age_s(now)
     if condition == "live":
         flags = tool.reading.flags if tool.reading is not None else ()
-        return "Attitudes arrive." if not flags else f"Attitudes arrive, with doubts: {', '.join(flags)}."
-    last = "no attitude has come yet" if age is None else f"the last attitude is {duration(age)} old"
+        if not flags:
+            return _("Attitudes arrive.")
+        return _("Attitudes arrive, with doubts: %(flags)s.") % {"flags": ", ".join(flags)}
+    last = _("No attitude has come yet.")
+    if age is not None:
+        last = _("The last attitude is %(age)s old.") % {"age": duration(age)}
     if condition == "offline":
-        return f"The service of this tool has gone off line; {last}."
+        return _("The service of this tool has gone off line.") + f" {last}"
     if condition == "silent":
-        said = "Its service is on line, but " if tool.status == "online" else ""
-        return f"{said}{last}." if said else f"{last[0].upper()}{last[1:]}."
-    return "Only kept messages are known of this tool; it has said nothing since."
+        return _("Its service is on line.") + f" {last}" if tool.status == "online" else last
+    return _("Only kept messages are known of this tool; it has said nothing since.")
 
 
 def duration(seconds: float) -> str:
@@ -162,7 +179,9 @@ def duration(seconds: float) -> str:
         return f"{seconds:.0f} s"
     if seconds < 7200:
         return f"{seconds / 60:.0f} min"
-    return f"{seconds / 3600:.0f} h" if seconds < 172_800 else f"{seconds / 86_400:.0f} days"
+    if seconds < 172_800:
+        return f"{seconds / 3600:.0f} h"
+    return _("%(count)s days") % {"count": f"{seconds / 86_400:.0f}"}
 
 
 def _list_row(tool: ToolState, now: float) -> dict[str, Any]:
@@ -170,7 +189,7 @@ def _list_row(tool: ToolState, now: float) -> dict[str, Any]:
     figures = _figures(tool.reading)
     return {
         "tool": tool.tool,
-        "sign": WORDS[condition],
+        "sign": _(WORDS[condition]),
         "condition": condition,
         "fresh": condition == "live",
         "figures": figures[:2],
@@ -206,7 +225,7 @@ def _digits(std: float | None) -> int:
 
 
 def _band(std: float | None) -> str:
-    return "uncertainty unknown" if std is None else f"± {2 * std:.2g}° (95 %)"
+    return _("uncertainty unknown") if std is None else f"± {2 * std:.2g}° (95 %)"
 
 
 def _state_rows(tool: ToolState) -> list[Row]:
@@ -214,18 +233,18 @@ def _state_rows(tool: ToolState) -> list[Row]:
     reading = tool.reading
     rows: list[Row] = []
     if reading is not None:
-        offset = "" if reading.tf_deg is None else f"of the sensor: {reading.tf_deg:.2f}°"
-        rows.append(Row("toolface", _degrees(reading.motor_toolface_deg, reading.tf_std_deg), offset))
+        offset = "" if reading.tf_deg is None else _("of the sensor: %(angle)s°") % {"angle": f"{reading.tf_deg:.2f}"}
+        rows.append(Row(_("toolface"), _degrees(reading.motor_toolface_deg, reading.tf_std_deg), offset))
         if reading.azi_deg is not None:
-            rows.append(Row("azimuth", _degrees(reading.azi_deg, reading.azi_std_deg), _band(reading.azi_std_deg)))
-        rows.append(Row("|g|", "–" if reading.g_total is None else f"{reading.g_total:.6f} g", "1 at rest"))
+            rows.append(Row(_("azimuth"), _degrees(reading.azi_deg, reading.azi_std_deg), _band(reading.azi_std_deg)))
+        rows.append(Row("|g|", "–" if reading.g_total is None else f"{reading.g_total:.6f} g", _("1 at rest")))
     temp = next((row.temp_c for row in reversed(tool.surveys) if row.temp_c is not None), None)
     if temp is not None:
-        rows.append(Row("temperature", f"{temp:.1f} °C", "of the last survey"))
+        rows.append(Row(_("temperature"), f"{temp:.1f} °C", _("of the last survey")))
     vibration = tool.health.get("vibration")
     rms = vibration.get("rms_g") if isinstance(vibration, dict) else None
     if isinstance(rms, list) and (known := [value for item in rms if (value := number(item)) is not None]):
-        rows.append(Row("vibration, rms", " · ".join(f"{value:.3f} g" for value in known), "x · y · z"))
+        rows.append(Row(_("vibration, rms"), " · ".join(f"{value:.3f} g" for value in known), "x · y · z"))
     return rows
 
 
@@ -234,38 +253,45 @@ def _part_rows(tool: ToolState, now: float) -> list[Row]:
     health = tool.health
     if not health:
         return []
-    age = (
-        "its age is not known: the broker had kept it"
-        if tool.health_mono is None
-        else (f"{duration(now - tool.health_mono)} ago")
-    )
+    age = _("its age is not known: the broker had kept it")
+    if tool.health_mono is not None:
+        age = _("%(age)s ago") % {"age": duration(now - tool.health_mono)}
     link, outbox = _table(health, "link"), _table(health, "outbox")
     recorder, calibration = _table(health, "recorder"), _table(health, "calibration")
     dropped = sum(int(value) for value in _table(outbox, "dropped").values() if number(value) is not None)
     lost = number(recorder.get("bytes_dropped")) or 0
     rows = [
-        Row("reported", age, f"version {text(health.get('version'))}"),
-        Row("link", text(link.get("state")) or "–", _age(link), bad=text(link.get("state")) not in ("up", "")),
-        Row("outbox", f"{_count(outbox, 'queued')} waiting", f"{dropped} dropped", bad=dropped > 0),
+        Row(_("reported"), age, _("version %(name)s") % {"name": text(health.get("version"))}),
+        Row(_("link"), text(link.get("state")) or "–", _age(link), bad=text(link.get("state")) not in ("up", "")),
+        Row(
+            _("outbox"),
+            _("%(count)s waiting") % {"count": _count(outbox, "queued")},
+            _("%(count)s dropped") % {"count": dropped},
+            bad=dropped > 0,
+        ),
     ]
     if recorder:
         state = text(recorder.get("state"))
-        note = text(recorder.get("message")) or f"{_count(recorder, 'bytes_written')} bytes written, {lost:.0f} dropped"
-        rows.append(Row("recorder", state or "–", note, bad=state == "failing" or lost > 0))
+        note = text(recorder.get("message")) or _("%(written)s bytes written, %(lost)s dropped") % {
+            "written": _count(recorder, "bytes_written"),
+            "lost": f"{lost:.0f}",
+        }
+        rows.append(Row(_("recorder"), state or "–", note, bad=state == "failing" or lost > 0))
     refused = text(calibration.get("refused"))
     cal = text(calibration.get("cal_id"))
-    rows.append(Row("calibration", cal[:12] or "–", refused, bad=bool(refused)))
+    rows.append(Row(_("calibration"), cal[:12] or "–", refused, bad=bool(refused)))
     if tool.watch:
-        rows.append(Row("watch over it", text(tool.watch.get("verdict")) or "–", _claims(tool), bad=departs(tool)))
+        rows.append(Row(_("watch over it"), text(tool.watch.get("verdict")) or "–", _claims(tool), bad=departs(tool)))
     if tool.drift:
         std = number(tool.drift.get("azi_std_deg"))
-        rows.append(Row("azimuth state", text(tool.drift.get("motion")) or "–", _band(std)))
+        rows.append(Row(_("azimuth state"), text(tool.drift.get("motion")) or "–", _band(std)))
     surveys = _table(health, "surveys")
     if surveys:
-        rows.append(Row("surveys", f"{_count(surveys, 'accepted')} accepted", f"{_count(surveys, 'refused')} refused"))
-    rows.append(
-        Row("attitudes", f"{tool.attitudes:,} heard", f"{tool.late} late, {tool.unreadable} messages unreadable")
-    )
+        accepted = _("%(count)s accepted") % {"count": _count(surveys, "accepted")}
+        rows.append(Row(_("surveys"), accepted, _("%(count)s refused") % {"count": _count(surveys, "refused")}))
+    heard = _("%(count)s heard") % {"count": f"{tool.attitudes:,}"}
+    spoilt = _("%(late)s late, %(bad)s messages unreadable") % {"late": tool.late, "bad": tool.unreadable}
+    rows.append(Row(_("attitudes"), heard, spoilt))
     return rows
 
 
@@ -273,11 +299,27 @@ def _watch_words(tool: ToolState) -> str:
     """What the watch says, in a sentence."""
     verdict = text(tool.watch.get("verdict"))
     if not verdict:
-        return "Nothing watches over the calibration of this tool, or it has said nothing yet."
+        return _("Nothing watches over the calibration of this tool, or it has said nothing yet.")
     hours = number(tool.watch.get("watched_s"))
-    since = "" if hours is None else f", watched for {duration(hours)}"
+    since = "" if hours is None else ", " + _("watched for %(time)s") % {"time": duration(hours)}
     began = text(tool.watch.get("began"))
-    return f"The watch says: {verdict}{since}{f'; it {began}' if began else ''}."
+    said = _("The watch says: %(verdict)s.") % {"verdict": f"{verdict}{since}{f'; {began}' if began else ''}"}
+    return " ".join([said, *_noise_words(tool)])
+
+
+def _noise_words(tool: ToolState) -> list[str]:
+    """Of axes whose noise has changed, and where it is not known whether it has: a sentence each."""
+    changes, words = tool.watch.get("noise_changes"), []
+    found = [
+        f"{text(one.get('axis'))} {factor:.2g} ×"
+        for one in (changes if isinstance(changes, list) else [])[: len(AXES)]
+        if isinstance(one, dict) and (factor := number(one.get("factor"))) is not None
+    ]
+    if found:
+        words.append(_("At rest these axes scatter otherwise than before: %(axes)s.") % {"axes": ", ".join(found)})
+    if (number(tool.watch.get("undecided")) or 0.0) > 0.0:
+        words.append(_("The last measurements are noise that has grown or a departure; the next ones tell."))
+    return words
 
 
 def _parameters(tool: ToolState) -> list[dict[str, str]]:
@@ -292,12 +334,52 @@ def _parameters(tool: ToolState) -> list[dict[str, str]]:
         rows.append(
             {
                 "name": text(name),
-                "value": f"{1e3 * value:+.3g} ± {2e3 * std:.2g}",
-                "unit": f"m{unit}" if unit.startswith("g") else f"10⁻³ {unit}",
-                "seen": "seen" if seen else "not seen yet",
+                "value": _thousandths(value, std),
+                "unit": _thousandth(unit),
+                "seen": _("seen") if seen else _("not seen yet"),
             }
         )
     return rows
+
+
+def _unseen(tool: ToolState) -> list[tuple[str, str]]:
+    """What it would take to see the parameters that were not: the names, and the reason that they share."""
+    reasons: dict[str, list[str]] = {}
+    for name, why in list(_table(tool.watch, "not_observable").items())[:PARAMETERS_MAX]:
+        reasons.setdefault(text(why), []).append(text(name))
+    return [(", ".join(names), why) for why, names in reasons.items() if why]
+
+
+def _thousandths(value: float, std: float) -> str:
+    """With its band of 95 %, in thousandths, on one line; no digits beyond the band's."""
+    digits = _digits(2e3 * std)
+    band = f"{2e3 * std:.{digits}f}" if 2e3 * std >= 1e-3 else f"{2e3 * std:.1e}"
+    return f"{1e3 * value:+.{digits}f} ±\u00a0{band}".replace("-", "\u2212")
+
+
+def _thousandth(unit: str) -> str:
+    return f"m{unit}" if unit.startswith("g") else f"10⁻³ {unit}"
+
+
+def _departures(tool: ToolState) -> list[str]:
+    """What departs, in a line each: the class, the size of its likeliest, and what it does now."""
+    claims, lines = tool.watch.get("claims"), []
+    for claim in (claims if isinstance(claims, list) else [])[:CLAIMS_MAX]:
+        if not isinstance(claim, dict):
+            continue
+        names = " / ".join(texts(claim.get("equivalence_class"))) or text(claim.get("parameter"))
+        size, std = number(claim.get("size")), number(claim.get("std"))
+        line = [names]
+        if size is not None and std is not None:
+            line.append(
+                f"{text(claim.get('parameter'))} {_thousandths(size, std)} {_thousandth(text(claim.get('unit')))}"
+            )
+        error = _table(claim, "error")
+        inc, across = number(error.get("inc_deg")), number(error.get("tf_sin_inc_deg"))
+        if inc is not None and across is not None:
+            line.append(f"ΔI {inc:+.3f}°, ΔT·sin I {across:+.3f}°".replace("-", "\u2212"))
+        lines.append(": ".join([line[0], "; ".join(line[1:])]) if line[1:] else line[0])
+    return lines
 
 
 def _claims(tool: ToolState) -> str:
@@ -308,7 +390,7 @@ def _claims(tool: ToolState) -> str:
 
 def _age(link: dict[str, Any]) -> str:
     age = number(link.get("data_age_s"))
-    return "" if age is None else f"last data {duration(age)} before"
+    return "" if age is None else _("last data %(age)s before") % {"age": duration(age)}
 
 
 def _table(said: dict[str, Any], name: str) -> dict[str, Any]:
@@ -347,7 +429,7 @@ _TICKS = tuple(range(0, 360, 15))
 
 @cache
 def _templates() -> Environment:
-    made = templates("highside.web.tools")
+    made = worded("highside.web.tools")
     made.filters["path"] = _path
     return made
 

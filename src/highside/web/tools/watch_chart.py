@@ -10,12 +10,13 @@ from collections.abc import Sequence
 from typing import Any
 
 from highside.web.tools.drawings import BAND_SIGMAS, INK
-from highside.web.tools.state import History, Trace
+from highside.web.tools.state import History
+from highside.web.words import _, said_later
 
 PANELS: tuple[tuple[str, tuple[str, ...]], ...] = (
-    ("offset, mg", ("b_x", "b_y", "b_z")),
-    ("scale, mg/g", ("S_xx", "S_yy", "S_zz")),
-    ("misalignment, mg/g", ("S_xz", "S_yz", "S_zx")),
+    (said_later("offset, mg"), ("b_x", "b_y", "b_z")),
+    (said_later("scale, mg/g"), ("S_xx", "S_yy", "S_zz")),
+    (said_later("misalignment, mg/g"), ("S_xz", "S_yz", "S_zx")),
 )
 """Of the report of a recording, too; `S_xy - S_yx` is nothing that a hole shows."""
 COLOURS = ("#0b57a4", "#b35c00", "#0b6e31")
@@ -30,13 +31,15 @@ def watch_chart(history: History) -> dict[str, Any]:
     """A panel for each of `PANELS`, and one of the evidence of a departure against its threshold."""
     count = len(PANELS) + 1
     series: list[dict[str, Any]] = []
-    for k, (_, names) in enumerate(PANELS):
+    for k, (_label, names) in enumerate(PANELS):
         for name, colour, dash in zip(names, COLOURS, DASHES, strict=True):
             if name in history.parameters:
-                series += _banded(k, name, history.hours, history.parameters[name], colour, dash)
+                series += _banded(k, name, history, colour, dash)
     series += _evidence(count - 1, history)
-    labels = [*(label for label, _ in PANELS), "evidence"]
-    legends = [[*names] for _, names in PANELS] + [["evidence", "threshold"]]
+    for k in range(count):
+        series += _changes(k, history)
+    labels = [*(_(label) for label, _names in PANELS), _("evidence")]
+    legends = [[*names] for _label, names in PANELS] + [[_("evidence"), _("threshold")]]
     return {
         "animation": False,
         "aria": {"enabled": True, "label": {"description": _words(history)}},
@@ -77,6 +80,8 @@ def watch_chart(history: History) -> dict[str, Any]:
                 "nameTextStyle": {"color": INK},
                 "axisLabel": {"color": INK, "hideOverlap": True},
                 "splitNumber": 4,
+                # at the left, whatever zero of the time is
+                "axisLine": {"onZero": False},
             }
             for k, label in enumerate(labels)
         ],
@@ -87,15 +92,22 @@ def watch_chart(history: History) -> dict[str, Any]:
 def _words(history: History) -> str:
     """What the picture shows, for those who cannot see it; the table below it has the numbers."""
     if not history.hours:
-        return "The calibration over the last day: nothing was measured yet."
-    return (
-        f"Deviation of {len(history.parameters)} parameters from the calibration with bands of 95 percent, over the"
-        f" last {-history.hours[0]:.1f} hours."
+        return _("The calibration over the last day: nothing was measured yet.")
+    message = _(
+        "Deviation of %(count)s parameters from the calibration with bands of 95 percent, over the last %(hours)s"
+        " hours."
     )
+    since = message % {"count": len(history.parameters), "hours": f"{-history.hours[0]:.1f}"}
+    changed = [
+        _("%(hours)s hours ago calibration %(cal_id)s came into force.") % {"hours": f"{-hours:.1f}", "cal_id": cal_id}
+        for hours, cal_id in history.changes
+    ]
+    return " ".join([since, *changed])
 
 
-def _banded(k: int, name: str, hours: Sequence[float], trace: Trace, colour: str, dash: str) -> list[dict[str, Any]]:
+def _banded(k: int, name: str, history: History, colour: str, dash: str) -> list[dict[str, Any]]:
     """A line, and its band as two stacked lines of which the upper has an area."""
+    hours, trace = history.hours, history.parameters[name]
     place: dict[str, Any] = {"xAxisIndex": k, "yAxisIndex": k, "type": "line", "showSymbol": len(hours) == 1}
     quiet = {
         "lineStyle": {"opacity": 0},
@@ -111,11 +123,25 @@ def _banded(k: int, name: str, hours: Sequence[float], trace: Trace, colour: str
     line = [None if v is None else 1e3 * v for v in trace.value]
     look = {"itemStyle": {"color": colour}, "lineStyle": {"color": colour, "type": dash}, "z": 3}
     return [
-        place | quiet | {"name": f"{name}, lower end", "data": _pairs(hours, low)},
-        place | quiet
-        | {"name": f"{name}, width", "data": _pairs(hours, wide), "areaStyle": {"color": colour, "opacity": 0.18}},
-        place | look | {"name": name, "data": _pairs(hours, line)},
+        place | quiet | {"name": _("%(name)s, lower end") % {"name": name}, "data": _broken(history, low)},
+        place | quiet | {"name": _("%(name)s, width") % {"name": name}, "data": _broken(history, wide)}
+        | {"areaStyle": {"color": colour, "opacity": 0.18}},
+        place | look | {"name": name, "data": _broken(history, line)},
     ]  # fmt: skip
+
+
+def _changes(k: int, history: History) -> list[dict[str, Any]]:
+    """Upright lines in a panel where another calibration came into force."""
+    if not history.changes:
+        return []
+    lines = [
+        {"xAxis": hours, "label": {"formatter": _("calibration %(cal_id)s") % {"cal_id": cal_id} if k == 0 else ""}}
+        for hours, cal_id in history.changes
+    ]
+    look = {"symbol": "none", "silent": True, "lineStyle": {"color": INK, "type": "solid", "width": 1}}
+    label = {"color": INK, "position": "insideEndTop", "rotate": 0, "align": "right"}
+    place = {"xAxisIndex": k, "yAxisIndex": k, "type": "line", "data": []}
+    return [place | {"name": "", "markLine": look | {"label": label, "data": lines}}]
 
 
 def _evidence(k: int, history: History) -> list[dict[str, Any]]:
@@ -123,16 +149,27 @@ def _evidence(k: int, history: History) -> list[dict[str, Any]]:
     level = [history.threshold] * len(history.hours)
     return [
         place
-        | {"name": "evidence", "data": _pairs(history.hours, history.evidence), "itemStyle": {"color": COLOURS[0]}},
+        | {
+            "name": _("evidence"),
+            "data": _broken(history, history.evidence),
+            "itemStyle": {"color": COLOURS[0]},
+        },
         place
         | {
-            "name": "threshold",
+            "name": _("threshold"),
             "data": _pairs(history.hours, level),
             "showSymbol": False,
             "itemStyle": {"color": "#a4161a"},
             "lineStyle": {"color": "#a4161a", "type": "dashed"},
         },
     ]
+
+
+def _broken(history: History, values: Sequence[float | None]) -> list[list[float | None]]:
+    """As `_pairs`, with a gap where another calibration came into force: deviations before it are from another one."""
+    gaps: list[list[float | None]] = [[hours, None] for hours, _ in history.changes]
+    # a gap after the measurement of the same time
+    return sorted([*_pairs(history.hours, values), *gaps], key=lambda pair: (pair[0] or 0.0, pair[1] is None))
 
 
 def _pairs(hours: Sequence[float], values: Sequence[float | None]) -> list[list[float | None]]:

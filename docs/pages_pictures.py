@@ -1,0 +1,60 @@
+"""Makes the pictures of the served pages: a bench to begin at, a calibration about to be put in force, and the bench
+page in German.
+
+    python docs/pages_pictures.py            (needs the extras web and test, mosquitto and the browser chromium)
+"""
+
+from __future__ import annotations
+
+import asyncio
+import io
+import sys
+import tempfile
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "integration")]
+
+from axe_walk import kept, sign_in  # noqa: E402
+from bench_page import chromium  # noqa: E402
+from PIL import Image  # noqa: E402
+from playwright.async_api import Page  # noqa: E402
+from signed_in import make_users, serving  # noqa: E402
+from test_page_pictures import slides  # noqa: E402
+from test_records_page import record  # noqa: E402
+
+DOCS = Path(__file__).resolve().parent
+COLOURS = 96
+SIZE = {"width": 1400, "height": 860}
+
+
+async def keep(page: Page, name: str) -> None:
+    """Write a small PNG."""
+    shot = Image.open(io.BytesIO(await page.screenshot()))
+    shot.convert("RGB").quantize(COLOURS).save(DOCS / f"{name}.png", optimize=True)
+
+
+async def pictures() -> None:
+    """Write docs/page-*.png."""
+    async with chromium() as browser:
+        with tempfile.TemporaryDirectory() as name:
+            folder = Path(name)
+            async with kept(folder) as (options, _), serving(folder, *options, users=make_users(folder)) as served:
+                page = await browser.new_page(viewport=SIZE)
+                await sign_in(page, served.address, "F. Force")
+                await page.goto(f"{served.address}bench")
+                await keep(page, "page-begin")
+                await page.goto(f"{served.address}calibrations/{record(1).id}/force")
+                await keep(page, "page-force")
+        async with slides() as (link, say):
+            page = await (await browser.new_context(locale="de-DE", viewport=SIZE)).new_page()
+            await page.goto(link)
+            say.write(b"guiding\n")
+            await say.drain()
+            await page.wait_for_function("document.querySelector('.foot').textContent.endsWith('guiding')")
+            await page.wait_for_timeout(2_000)
+            await keep(page, "bench-german")
+
+
+if __name__ == "__main__":
+    asyncio.run(pictures())

@@ -1,0 +1,111 @@
+"""Poses whose misfit is noise after all: which one, by the noise that laws had to compete with and lost to.
+
+The first diagnosis knows scatter of sensors and settings and a random walk of each channel. The search for laws learns
+more kinds (errors of the set angles or of the whole level, first-order levels, 1/f) by evidence, beside no law at all.
+Where one of them takes down to the floor what was "something without a name", that is the answer. And where errors of
+the set angles take much in few poses, and are larger than a bench makes them, they may as well be a law of these
+angles: that is no "nothing", it is not testable.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from highside.diagnosis.core.finding_policy import FLOOR
+from highside.diagnosis.core.policy import MEMORY
+from highside.diagnosis.core.result import DiagnosisResult
+from highside.diagnosis.core.serial_correlation import RANDOM_WALK
+from highside.diagnosis.core.unexplained import hinted
+from highside.diagnosis.laws.noise import LawNoise
+from highside.diagnosis.laws.policy import LAW_GROUPS, LAW_VERDICT
+from highside.diagnosis.laws.search import Found
+from highside.diagnosis.poses.within import CHECK as WITHIN_POSE
+
+
+def with_identified_noise(diagnosis: DiagnosisResult, found: Found) -> DiagnosisResult:
+    """The diagnosis of poses in which no law was found, by the noise that was; others as they are."""
+    if found.problem.jitter is None or found.terms:
+        return diagnosis
+    if diagnosis.verdict == "unknown" and _by_scatter_alone(diagnosis):
+        diagnosis = _identified(diagnosis, found)
+    if diagnosis.verdict == "nothing_left_out":
+        return _undecided_memory(_undecided_angles(diagnosis, found), found)
+    return diagnosis
+
+
+def _by_scatter_alone(diagnosis: DiagnosisResult) -> bool:
+    """Whether nothing but scatter above the floor speaks against "nothing"."""
+    within = any(finding.check == WITHIN_POSE for finding in diagnosis.intake)
+    return not (diagnosis.claims or diagnosis.location or diagnosis.remainder.changing or within)
+
+
+def _identified(diagnosis: DiagnosisResult, found: Found) -> DiagnosisResult:
+    noise = found.noise
+    if noise.remembers and found.evidence > found.without_memory + LAW_VERDICT.memory:
+        return hinted(replace(diagnosis, verdict="wander"), f"what is left is taken for noise: {noise.summary()}")
+    repeats = float(noise.factor.max()) <= FLOOR.ratio
+    if found.problem.n >= _enough() or _usual(noise):
+        repeats = repeats or found.to_the_floor > found.evidence - LAW_VERDICT.repeats
+    if np.any(noise.jitter > 0) and repeats:
+        return hinted(replace(diagnosis, verdict="nothing_left_out"), f"what is left is taken for {_angles(noise)}")
+    if found.problem.n < _enough() and found.to_the_floor > found.evidence - LAW_VERDICT.memory:
+        words = (
+            f"in {found.problem.n} poses errors of the set angles cannot be distinguished from readings that repeat "
+            f"badly, nor from something that the angles follow: record {_enough()} poses or more, or each pose several "
+            "times"
+        )
+        return hinted(replace(diagnosis, verdict="not_testable"), words)
+    return diagnosis
+
+
+def _enough() -> int:
+    """Poses in which errors of the set angles are distinguished from a law of them."""
+    return LAW_VERDICT.poses_a_function * LAW_GROUPS.cosines
+
+
+def _usual(noise: LawNoise) -> bool:
+    """Whether errors of the set angles are such as any bench makes."""
+    return float(noise.jitter.max(initial=0.0)) <= LAW_VERDICT.set_angles_rad
+
+
+def _undecided_angles(diagnosis: DiagnosisResult, found: Found) -> DiagnosisResult:
+    """Errors of the set angles that take much in few poses may be a law of the angles, if no bench explains them."""
+    problem, noise = found.problem, found.noise
+    taken = float(np.sum((problem.residual / problem.floor) ** 2)) - problem.residual.size
+    enough = _enough()
+    if _usual(noise) or problem.n >= enough or taken < LAW_VERDICT.hidden:
+        return diagnosis
+    words = (
+        f"what is left is taken for {_angles(noise)}; in {problem.n} poses these cannot be distinguished from "
+        f"something that the angles follow: record {enough} poses or more, or each pose several times"
+    )
+    return hinted(replace(diagnosis, verdict="not_testable"), words)
+
+
+def _undecided_memory(diagnosis: DiagnosisResult, found: Found) -> DiagnosisResult:
+    """Scatter that is correlated over so many poses that there are few independent ones may be something slow."""
+    problem, noise = found.problem, diagnosis.noise
+    names = ("memory_evidence", "memory_poses")
+    known = zip(problem.channels, problem.residual, problem.floor, *(noise.get(n, ()) for n in names), strict=False)
+    for channel, residual, floor, gain, poses in known:
+        if gain <= MEMORY.found or poses == RANDOM_WALK or problem.n >= 2 * LAW_VERDICT.independent * poses:
+            continue
+        above = float(np.sqrt(np.sum((residual / floor) ** 2) / problem.n))
+        if above > LAW_VERDICT.far_above:
+            words = (
+                f"{channel} scatters {above:.1f} times more than it repeats, correlated over {poses:.2g} poses: in "
+                f"{problem.n} poses such noise cannot be distinguished from something slow, as what follows time or "
+                f"temperature is; record {round(2 * LAW_VERDICT.independent * poses)} poses or more, at temperatures "
+                "that are not in order"
+            )
+            return hinted(replace(diagnosis, verdict="not_testable"), words)
+    return diagnosis
+
+
+def _angles(noise: LawNoise) -> str:
+    """Errors of the set angles with their sizes."""
+    names = ("of inclination", "of toolface", "across the plane of the tilt")
+    sizes = [f"{np.degrees(size):.2g} deg {name}" for size, name in zip(noise.jitter, names, strict=False) if size > 0]
+    return f"errors of the set angles: {', '.join(sizes)}"

@@ -1,0 +1,184 @@
+"""Variants of a law that was found: one that sets in midway, one of a temperature that lags by another time constant, a
+product with finer functions, one that is straight or bent once in one of its two quantities.
+
+They are tried in the place of a group that was chosen, not of every group: a hundred onsets of each would be most of a
+search, and a group that acts for a part of the session, or is drawn too smooth, is found as itself first.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from highside.arrays import Array
+from highside.diagnosis.laws.groups import LawGroup, axis_of, values_of
+from highside.diagnosis.laws.policy import LAW_GROUPS
+from highside.diagnosis.laws.problem import LawProblem
+from highside.physics.covariates import COVARIATES, FILTERED
+from highside.physics.law import Axis, Function
+from highside.physics.places import PLACES
+
+ONSET = "step"
+TEMPERATURES = ("temp", *FILTERED)
+"""one quantity, as it lags or not"""
+
+
+def variants_of(problem: LawProblem, group: LawGroup) -> list[LawGroup]:
+    """What is tried in the place of a group; nothing for effects of the library and for what has variants already."""
+    if group.effect or any(f.kind == ONSET for axis in group.axes for f in axis.functions):
+        return []
+    return [
+        *_onsets(problem, group),
+        *_finer(problem, group),
+        *_factors(problem, group),
+        *_lagging(problem, group),
+        *_simple_in_one(problem, group),
+    ]
+
+
+def as_simple(group: LawGroup, other: LawGroup) -> bool:
+    """Whether a variant claims no more than the group does: of as many covariates, with no more functions, no onset."""
+    return len(other.axes) <= len(group.axes) and other.size <= group.size
+
+
+def onset_knots(t_s: Array) -> Array:
+    """Times between values at which something may set in, with several values on either side."""
+    t = np.unique(t_s - t_s[:1])
+    middle = (t[1:] + t[:-1]) / 2
+    inner = middle[LAW_GROUPS.onset_values - 1 : middle.size - LAW_GROUPS.onset_values + 1]
+    if not inner.size:
+        return inner
+    return np.asarray(inner[np.unique(np.linspace(0, inner.size - 1, LAW_GROUPS.steps).astype(int))])
+
+
+def _onsets(problem: LawProblem, group: LawGroup) -> list[LawGroup]:
+    """The law from some time on; of one that follows time and something else, the something from some time on."""
+    axes = [axis for axis in group.axes if axis.covariate != "time"]
+    time = problem.covariates.get("time")
+    if len(axes) != 1 or time is None or not np.ptp(time):
+        # a surface from some time on follows anything
+        return []
+    # what is free takes the mean of a law, but not of one that acts for a part of the session
+    axes = [axis if axis.functions[0].kind == "one" else _with_constant(axis) for axis in axes]
+    basis, order = _product(problem, group, axes)
+    low, high = float(time.min()), float(time.max())
+    knots = onset_knots(problem.t_s)
+    made = []
+    for at in knots:
+        step = Axis("time", low, high, (Function(ONSET, (float(at),)),))
+        acts = step.basis(time)[0]
+        made.append(replace(group, axes=(*axes, step), order=order, basis=basis * acts, tries=2 * len(knots)))
+    return made
+
+
+def _finer(problem: LawProblem, group: LawGroup) -> list[LawGroup]:
+    """A product of smooth functions with more of them."""
+    if len(group.axes) != 2 or any(len(axis.functions) < LAW_GROUPS.few for axis in group.axes):
+        return []
+    axes = []
+    for axis in group.axes:
+        values = values_of(problem, axis.covariate, group.units[0])
+        distinct = np.unique(np.round(values / (LAW_GROUPS.distinct * max(float(np.ptp(values)), 1e-300)))).size
+        count = min(LAW_GROUPS.finer_orders, distinct - 1)
+        turns = min(LAW_GROUPS.finer_turns, max(1, distinct // 2))
+        axes.append(axis_of(axis.covariate, values, count, constant=True, turns=turns)[0])
+    if [len(axis.functions) for axis in axes] == [len(axis.functions) for axis in group.axes]:
+        return []
+    basis, order = _product(problem, group, axes)
+    return [replace(group, axes=tuple(axes), order=order, basis=basis)]
+
+
+def _lagging(problem: LawProblem, group: LawGroup) -> list[LawGroup]:
+    """The law of a temperature with each of the time constants, or with none, in the place of its own."""
+    made = []
+    for k, axis in enumerate(group.axes):
+        if axis.covariate not in TEMPERATURES:
+            continue
+        for name in TEMPERATURES:
+            if name == axis.covariate or name not in problem.covariates:
+                continue
+            values = values_of(problem, name, group.units[0])
+            low, high = float(values.min()), float(values.max())
+            if high - low <= LAW_GROUPS.constant * max(abs(low), abs(high), 1.0):
+                continue
+            axes = [*group.axes]
+            axes[k] = replace(axis, covariate=name, low=low, high=high)
+            basis, _ = _product(problem, group, axes)
+            made.append(replace(group, axes=tuple(axes), basis=basis, tries=group.tries * len(TEMPERATURES)))
+    return made
+
+
+def _simple_in_one(problem: LawProblem, group: LawGroup) -> list[LawGroup]:
+    """A product that is a straight line, or bent once, in one quantity and a fine curve in the other: a coefficient of
+    temperature that follows the load. Few functions where many would follow the noise."""
+    if len(group.axes) != 2 or any(len(axis.functions) < LAW_GROUPS.few for axis in group.axes):
+        return []
+    made = []
+    for k, axis in enumerate(group.axes):
+        known = COVARIATES.get(axis.covariate)
+        if known is not None and known.periodic:
+            continue
+        fine = _finest(problem, group, group.axes[1 - k])
+        for shapes in (("one", "straight"), ("one", "straight", "square")):
+            simple = replace(axis, functions=tuple(Function(kind) for kind in shapes))
+            axes = (simple, fine) if k == 0 else (fine, simple)
+            basis, order = _product(problem, group, list(axes))
+            made.append(replace(group, axes=axes, order=order, basis=basis))
+    return made
+
+
+def _finest(problem: LawProblem, group: LawGroup, axis: Axis) -> Axis:
+    """As many functions of a covariate as a law of it alone has, and a constant."""
+    values = values_of(problem, axis.covariate, group.units[0])
+    distinct = np.unique(np.round(values / (LAW_GROUPS.distinct * max(float(np.ptp(values)), 1e-300)))).size
+    count = min(LAW_GROUPS.cosines, distinct - 1)
+    turns = min(LAW_GROUPS.finer_turns, max(1, distinct // 2))
+    return axis_of(axis.covariate, values, count, constant=True, turns=turns)[0]
+
+
+def _factors(problem: LawProblem, group: LawGroup) -> list[LawGroup]:
+    """Each factor of a product alone, with finer functions: a product may stand in for an edge of one of them."""
+    if len(group.axes) != 2:
+        return []
+    made = []
+    for axis in group.axes:
+        known = COVARIATES.get(axis.covariate)
+        if len(axis.functions) < LAW_GROUPS.few or (known is not None and known.periodic):
+            continue
+        values = values_of(problem, axis.covariate, group.units[0])
+        distinct = np.unique(np.round(values / (LAW_GROUPS.distinct * max(float(np.ptp(values)), 1e-300)))).size
+        count = min(2 * LAW_GROUPS.cosines, distinct - 1)
+        constant = PLACES[group.place].constant
+        fine, _ = axis_of(axis.covariate, values, count, constant=constant, turns=1)
+        basis, order = _product(problem, group, [fine])
+        made.append(replace(group, axes=(fine,), order=order, basis=basis, tries=2))
+    return made
+
+
+def _with_constant(axis: Axis) -> Axis:
+    return replace(axis, functions=(Function("one"), *axis.functions))
+
+
+def _product(problem: LawProblem, group: LawGroup, axes: list[Axis]) -> tuple[Array, Array]:
+    """(u, m, n) the products of all functions of the axes for each unit, and their orders (m,)."""
+    orders = [_orders(axis) for axis in axes]
+    order = orders[0]
+    for more in orders[1:]:
+        order = np.hypot(order[:, None], more[None]).reshape(-1)
+    basis = []
+    for unit in group.units:
+        result = axes[0].basis(values_of(problem, axes[0].covariate, unit))
+        for axis in axes[1:]:
+            own = axis.basis(values_of(problem, axis.covariate, unit))
+            result = (result[:, None] * own[None]).reshape(-1, own.shape[1])
+        basis.append(result)
+    return np.stack(basis), order
+
+
+def _orders(axis: Axis) -> Array:
+    """(m,) order of each function of an axis: of a whole smooth set its number, of single shapes none."""
+    smooth = len(axis.functions) > LAW_GROUPS.few
+    known = COVARIATES.get(axis.covariate)
+    kinds = {"cosine"} | ({"cos", "sin"} if known is not None and known.periodic else set())
+    return np.array([f.numbers[0] if smooth and f.kind in kinds else 0.0 for f in axis.functions])

@@ -1,0 +1,59 @@
+"""A departure in the form of the answer."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from highside.arrays import Array
+from highside.watch.bank import Scored
+from highside.watch.broken import broken_axis
+from highside.watch.policy import WatchPolicy
+from highside.watch.result import Size, WatchClaim
+
+__all__ = ["broken", "size_of", "unexplained"]
+
+INTERVAL = 1.96
+"""standard deviations of a 95 % interval"""
+
+
+def size_of(scored: Scored, grown: float) -> Size:
+    """With its interval; `grown`: how much wider its standard deviation stands than the bank has it."""
+    std = grown * scored.std
+    half = INTERVAL * std
+    return Size(scored.size, std, scored.size - half, scored.size + half, scored.hypothesis.unit)
+
+
+def unexplained(
+    parameter: str, size: Size, equivalence_class: tuple[str, ...], since_s: float, alarm_s: float
+) -> WatchClaim:
+    """No small error of the calibration: no reading is to be used."""
+    return WatchClaim(
+        effect="unexplained",
+        parameter=parameter,
+        parameters={parameter: size},
+        equivalence_class=equivalence_class,
+        since_s=since_s,
+        since_low_s=since_s,
+        since_high_s=since_s,
+        alarm_s=alarm_s,
+        evidence=None,
+        error=None,
+    )
+
+
+def broken(beyond: Sequence[tuple[float, float]], axes: Sequence[Array], policy: WatchPolicy) -> WatchClaim:
+    """The length of the readings is far from gravity's: no small error of the calibration. `beyond`: time, s, and
+    excess, g, of each such reading; `axes`: (6,) as `broken_axis` takes them."""
+    times, excess = zip(*beyond, strict=True)
+    size = float(np.median(excess))
+    std = float(np.std(excess)) / np.sqrt(len(excess))
+    half = INTERVAL * std
+    return unexplained(
+        "length",
+        Size(size, std, size - half, size + half, "g"),
+        broken_axis(np.array(axes).reshape(-1, 6), policy.largest),
+        times[0],
+        times[policy.fewest_beyond - 1],
+    )

@@ -1,0 +1,121 @@
+"""Looks words up. The language is that of whom the answer being made is for: it follows into what is called, tasks and
+threads included. Sentences that come ready made, from a session or a service, are told by their pattern (`told`)."""
+
+from __future__ import annotations
+
+import gettext
+import os
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from functools import cache, lru_cache
+from pathlib import Path
+from typing import Any
+
+from highside.words.said import Said
+from highside.words.sentences import SENTENCES
+
+LANGUAGES = {"en": "English", "de": "Deutsch", "nb": "Norsk", "es": "Español"}
+"""by their ISO 639 codes, each in its own word"""
+DOMAIN = "highside"
+LOCALE = Path(os.environ.get("HIGHSIDE_LOCALE") or Path(__file__).parent / "locale")
+"""`HIGHSIDE_LOCALE`: the catalogues of somebody who translates"""
+_CURRENT: ContextVar[str] = ContextVar("language", default="en")
+
+
+def language() -> str:
+    """The present reader's."""
+    return _CURRENT.get()
+
+
+def speak(code: str) -> None:
+    """From here on, in this task and what it starts, words are in that language."""
+    _CURRENT.set(code)
+
+
+@contextmanager
+def in_language(code: str) -> Iterator[None]:
+    """Within, words are in that language, whoever is answered."""
+    before = _CURRENT.set(code)
+    try:
+        yield
+    finally:
+        _CURRENT.reset(before)
+
+
+def _(message: str, /, **fields: Any) -> str:
+    """A message in the language of the present reader, with the values that it names, where it names any."""
+    found = catalogue(language()).gettext(message)
+    return found % fields if fields else found
+
+
+def from_to(low: str, high: str) -> str:
+    """A range, its ends as they are written."""
+    return _("%(low)s to %(high)s", low=low, high=high)
+
+
+def several(one: str, many: str, count: int) -> str:
+    """The same for a number of things."""
+    return catalogue(language()).ngettext(one, many, count)
+
+
+@cache
+def catalogue(code: str) -> gettext.NullTranslations:
+    """The catalogue of a language; English has none."""
+    return gettext.translation(DOMAIN, LOCALE, [code], fallback=code == "en")
+
+
+TOLD_KEPT = 4000
+"""Sentences whose translation is remembered."""
+TOLD_MAX = 1000
+"""Letters of what is looked up: no sentence of ours is as long."""
+NESTED_MAX = 4
+"""Sentences within sentences: a prompt has a way to turn in it, and a plan's title."""
+_FIELD = re.compile(r"%\((\w+)\)s")
+
+
+def told(text: str) -> str:
+    """A sentence that others have made in English, in the language of the present reader: by what it was made of
+    (`Said`), as a word of the catalogue, or as one of `SENTENCES`; as it is where none fits."""
+    if isinstance(text, Said):
+        return _(text.message) % {name: _value(value) for name, value in text.fields.items()}
+    return text if len(text) > TOLD_MAX else _told(text, language(), NESTED_MAX)
+
+
+def _value(value: Any) -> Any:
+    return told(value) if isinstance(value, Said) else value
+
+
+@lru_cache(maxsize=TOLD_KEPT)
+def _told(text: str, language: str, depth: int) -> str:
+    known = catalogue(language)
+    if language == "en" or not text or depth == 0:
+        return text
+    # with the sign of a share doubled where the message has values beside it, else as it is
+    for written in (text, text.replace("%", "%%")):
+        if (same := known.gettext(written)) != written:
+            return same.replace("%%", "%")
+    for pattern, message in _patterns():
+        if (found := pattern.fullmatch(text)) is not None:
+            fields = {name: _told(value, language, depth - 1) for name, value in found.groupdict().items()}
+            return known.gettext(message) % fields
+    # several sentences, one after the other, or one with what was found out in brackets
+    parts = re.split(r"(?<=[.?!]) +(?=[A-Z])", text, maxsplit=8)
+    if len(parts) > 1:
+        return " ".join(_told(part, language, depth - 1) for part in parts)
+    return text
+
+
+@cache
+def _patterns() -> list[tuple[re.Pattern[str], str]]:
+    """Those with fields, the longest first: it says most of what it fits."""
+    ordered = sorted((one for one in SENTENCES if _FIELD.search(one)), key=lambda one: -len(_FIELD.sub("", one)))
+    return [(re.compile(_as_pattern(one)), one) for one in ordered]
+
+
+def _as_pattern(message: str) -> str:
+    parts = _FIELD.split(message)
+    return "".join(
+        f"(?P<{part}>.+?)" if place % 2 else re.escape(part.replace("%%", "%")) for place, part in enumerate(parts)
+    )

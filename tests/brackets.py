@@ -1,0 +1,27 @@
+"""A language in which each message of the catalogue stands in brackets: what is seen outside of them escapes it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from babel.messages.mofile import write_mo
+from babel.messages.pofile import read_po
+
+from highside.words import LANGUAGES
+from highside.words.catalogue import LOCALE
+
+
+def put_in_brackets(folder: Path) -> None:
+    """Catalogues in which each message stands in brackets, in place of those of all languages."""
+    for language in set(LANGUAGES) - {"en"}:
+        inside = Path(language) / "LC_MESSAGES"
+        (folder / inside).mkdir(parents=True)
+        with (LOCALE / inside / "highside.po").open("rb") as file:
+            known = read_po(file, locale=language)
+        for message in known:
+            if message.id:
+                both = message.id if message.pluralizable else (message.id,)
+                marked = tuple(f"⟦{one}⟧" for one in both)
+                message.string = marked if message.pluralizable else marked[0]
+        with (folder / inside / "highside.mo").open("wb") as file:
+            write_mo(file, known)

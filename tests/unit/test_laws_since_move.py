@@ -1,0 +1,69 @@
+"""What readings do while a pose is held: laws of the time since the last move, from rows made without the product."""
+
+import numpy as np
+import pytest
+
+from highside.api.diagnosis import diagnose
+from highside.api.simulation import predict
+from highside.diagnosis.laws.since_move import HeldRows, laws_since_move
+from highside.diagnosis.poses.session import pose_session, rows_of_poses
+from highside.physics.forward import ForwardModel
+
+MODEL = {"sensor": {"free": ["bias", "scale", "misalignment"]}}
+POSES, ROWS, STEP_S, ROW_G = 40, 12, 0.5, 1e-4
+TAU_S = 1.6
+
+
+def load_of(inc_deg: np.ndarray, tf_deg: np.ndarray) -> np.ndarray:
+    inc, tf = np.radians(inc_deg), np.radians(tf_deg)
+    return np.vstack([np.sin(inc) * np.cos(tf), np.sin(inc) * np.sin(tf), np.cos(inc)])
+
+
+def recording(seed: int, kind: str) -> tuple[dict[str, np.ndarray], np.ndarray]:
+    """Columns of rows, and what was added (3, N)."""
+    rng = np.random.default_rng(seed)
+    pose = np.repeat(np.arange(POSES), ROWS)
+    since = np.tile(np.arange(ROWS) * STEP_S, POSES)
+    inc, tf = rng.uniform(10, 170, POSES)[pose], rng.uniform(0, 360, POSES)[pose]
+    load, added = load_of(inc, tf), np.zeros((3, pose.size))
+    if kind == "decay":
+        added[1] = 4e-4 * np.exp(-since / TAU_S)
+    elif kind == "decay of the load":
+        added[0] = 6e-4 * load[0] * np.exp(-since / TAU_S)
+    elif kind == "drift":
+        added[2] = 4e-4 * since / since.max()
+    noise = rng.normal(0, ROW_G, (3, pose.size))
+    if kind == "correlated":
+        for k in range(1, pose.size):
+            if pose[k] == pose[k - 1]:
+                noise[:, k] = 0.7 * noise[:, k - 1] + np.sqrt(0.51) * noise[:, k]
+    read = (np.eye(3) + rng.normal(0, 2e-3, (3, 3))) @ load + rng.normal(0, 3e-3, (3, 1)) + added + noise
+    columns = {f"a{axis}_g": read[k] for k, axis in enumerate("xyz")}
+    return columns | {"t_s": 30.0 * pose + since, "pose": pose * 1.0, "inc_ref_deg": inc, "tf_ref_deg": tf}, added
+
+
+@pytest.mark.parametrize(("kind", "places"), [("decay", ["offset"]), ("decay of the load", ["scale"])])
+def test_a_decay_while_poses_are_held_is_a_law_that_predicts_another_session(kind: str, places: list[str]) -> None:
+    made = diagnose(recording(1, kind)[0], MODEL)
+    assert made.verdict == "law"
+    assert [claim.place for claim in made.claims] == places
+    assert [claim.depends_on for claim in made.claims] == [("time_since_move",)]
+    model = made.model()
+    assert model is not None
+    columns, added = recording(2, kind)
+    told = predict(model, columns)
+    plain = load_of(columns["inc_ref_deg"], columns["tf_ref_deg"])
+    predicted = np.vstack([told[f"a{axis}_g"] for axis in "xyz"]) - plain
+    about = [values.reshape(3, POSES, ROWS) for values in (added, predicted)]
+    true, own = (values - values.mean(axis=2, keepdims=True) for values in about)
+    assert np.sum((true - own) ** 2) < 0.02 * np.sum(true**2)
+
+
+@pytest.mark.parametrize("kind", ["drift", "correlated", "nothing"])
+def test_a_drift_and_noise_with_memory_are_no_decay(kind: str) -> None:
+    for seed in range(4):
+        columns, _ = recording(seed, kind)
+        accel = np.vstack([columns[f"a{axis}_g"] for axis in "xyz"])
+        state = pose_session(columns, accel, gravity_mps2=9.81).state
+        held = HeldRows(accel, columns["t_s"], rows_of_poses(columns, accel))
+        assert laws_since_move(held, state, ForwardModel.of({})) is None
