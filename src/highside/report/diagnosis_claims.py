@@ -30,6 +30,8 @@ PRACTICALLY_CERTAIN, VERY_SURE, SURE = 1e-9, 1e-4, 1e-2
 """Probabilities by chance below which a claim is called so; family-wise over all that was tried. Words of this page."""
 SHOWN = 3
 """Claims, at most, that the first sentence lists."""
+OVERLAP_SAID = 0.05
+"""Share of the misfit, explained but no claim's alone, from which the first sentence says so. Words of this page."""
 ALTERNATIVES = 4
 """Covariates, at most, that are listed of the laws of one place that cannot be told apart."""
 PLACE_WORDS = {
@@ -208,7 +210,22 @@ def first_sentence(diagnosis: DiagnosisResult, shares: Mapping[str, float], word
         "implausible_fit": _(", at sizes that are not plausible"),
     }.get(diagnosis.verdict, "")
     said = _listed(does) if len(does) > 2 else _(", and ").join(does)
-    return _("The simulation %(does)s%(rest)s.", does=said, rest=rest)
+    sentence = _("The simulation %(does)s%(rest)s.", does=said, rest=rest)
+    return sentence + _overlap(sorted_claims, shares)
+
+
+def _overlap(claims: Sequence[Claim], shares: Mapping[str, float]) -> str:
+    """What is explained but in no share: where claims run alike each takes over a part of another's."""
+    alone = sum(claim.share or 0.0 for claim in claims)
+    if len(claims) < 2 or alone <= 0.0:
+        return ""
+    said = [_share(claim, shares) for claim in claims]
+    other = sum(said) / alone - sum(round(share, 2) for share in said)
+    if other < OVERLAP_SAID:
+        return ""
+    if len(claims) == 2:
+        return " " + _("Either of them explains the other %(share)s.", share=_percent(other))
+    return " " + _("Several of them explain the other %(share)s alike.", share=_percent(other))
 
 
 def _listed(parts: Sequence[str]) -> str:
