@@ -105,15 +105,15 @@ def follows_words(depends_on: Sequence[str]) -> str:
     return _(" and ").join(told(covariate(name).title) for name in depends_on)
 
 
-def claim_size(claim: Claim) -> str:
+def claim_size(claim: Claim, *, named: bool = False) -> str:
     """Size with its interval: the parameters, or from where to where the curve of a law runs and over what range."""
     if claim.curve is None or not claim.curve.value:
-        return sizes(claim)
+        return sizes(claim, named=named)
     over = "; ".join(
         f"{told(covariate(name).title)} {from_to(f'{low:.3g}', f'{high:.3g}')} {covariate(name).unit}".rstrip()
         for name, (low, high) in zip(claim.depends_on, claim.range, strict=False)
     )
-    return sizes(claim) + (_(", over %(range)s", range=over) if over else "")
+    return sizes(claim, named=named) + (_(", over %(range)s", range=over) if over else "")
 
 
 def likelihood(claim: Claim) -> str:
@@ -172,7 +172,13 @@ def ordered(claims: Sequence[Claim], shares: Mapping[str, float]) -> list[Claim]
 def claims_table(claims: Sequence[Claim], shares: Mapping[str, float]) -> tuple[list[str], list[list[str]]]:
     """Headers and a row for each claim."""
     rows = [
-        [claim_title(claim), claim_size(claim), _percent(_share(claim, shares)), likelihood(claim), confounded(claim)]
+        [
+            claim_title(claim),
+            claim_size(claim, named=True),
+            _percent(_share(claim, shares)),
+            likelihood(claim),
+            confounded(claim),
+        ]
         for claim in ordered(claims, shares)
     ]
     headers = [

@@ -18,10 +18,12 @@ from highside.report.diagnosis_claims import (
     covariate_label,
     first_sentence,
     is_law,
+    law_words,
     ordered,
     title_of_any,
 )
 from highside.report.diagnosis_figures import law_curve, law_surface, over_time, residuals, table_misfit, table_values
+from highside.report.diagnosis_hints import check_name, hint
 from highside.report.diagnosis_words import (
     KINDS,
     VERDICT_NAMES,
@@ -141,8 +143,7 @@ def _facts(diagnosis: DiagnosisResult) -> list[tuple[str, str]]:
         rows += [(_("Do next") if k == 0 else "", words) for k, words in enumerate(_advice(diagnosis))]
     elif diagnosis.remainder.hints:
         rows += [
-            (_("What is known") if k == 0 else "", in_words(hint))
-            for k, hint in enumerate(diagnosis.remainder.hints[:4])
+            (_("What is known") if k == 0 else "", hint(one)) for k, one in enumerate(diagnosis.remainder.hints[:4])
         ]
     if diagnosis.verdict == "nothing_left_out" and diagnosis.minimum_detectable:
         few = list(diagnosis.minimum_detectable.items())[:6]
@@ -161,15 +162,15 @@ def _advice(diagnosis: DiagnosisResult) -> list[str]:
             wanted.setdefault(claim.next_manoeuvre, []).append(claim_title(claim))
     needed = {words: names for words, names in wanted.items() if not words.startswith("none needed")} or wanted
     if len(diagnosis.claims) == 1 or all(words.startswith("none needed") for words in needed):
-        return [in_words(words) for words in needed]
-    return [Markup("{}: {}").format(_(" and ").join(names), in_words(words)) for words, names in needed.items()]
+        return [hint(words) for words in needed]
+    return [Markup("{}: {}").format(_(" and ").join(names), hint(words)) for words, names in needed.items()]
 
 
 def _faults(page: Page, diagnosis: DiagnosisResult) -> None:
     page.heading(_("Faults of the data"))
     page.table(
         [_("check"), _("channels"), "p", _("what to do")],
-        [[in_words(f.check), ", ".join(f.channels), f"{f.p:.1e}", in_words(f.remedy)] for f in diagnosis.intake],
+        [[check_name(f.check), ", ".join(f.channels), f"{f.p:.1e}", hint(f.remedy)] for f in diagnosis.intake],
         words=(1, 3),
     )
 
@@ -205,7 +206,7 @@ def _against(left: float, floor: float) -> str:
 def _claim(page: Page, diagnosis: DiagnosisResult, claim: Claim, rows: ReportData | None) -> None:
     """One claim: what it is, the residual without the others, its law, and what would tell more."""
     page.heading(claim_title(claim))
-    page.paragraph(in_words(claim.story[:1].upper() + claim.story[1:], claim.story))
+    page.paragraph(_story(claim))
     if rows is not None and rows.channels == (MAGNITUDE,) and claim.effect in rows.parts:
         seen = float(np.ptp(rows.parts[claim.effect]))
         size = quantity(seen, "g")
@@ -220,10 +221,17 @@ def _claim(page: Page, diagnosis: DiagnosisResult, claim: Claim, rows: ReportDat
             page.panels(residuals(rows, place, effect), _caption(place, effect))
     if claim.readings:
         page.paragraph(_("What could act like this (suggestions, not findings):"))
-        page.bullets([in_words(one) for one in claim.readings])
+        page.bullets([hint(one) for one in claim.readings])
     if claim.confirm:
         words = _("Another session confirms or refutes it:")
-        page.paragraph(Markup("{} {}.").format(words, in_words(claim.confirm)))
+        page.paragraph(Markup("{} {}.").format(words, hint(claim.confirm)))
+
+
+def _story(claim: Claim) -> Markup | str:
+    if not is_law(claim):
+        return in_words(claim.story[:1].upper() + claim.story[1:], claim.story)
+    words = _("%(law)s: no effect of the library, a law learnt from this recording.", law=law_words(claim))
+    return words[:1].upper() + words[1:]
 
 
 def _curve_caption(claim: Claim, *, pair: bool) -> str:
@@ -271,7 +279,7 @@ def _details(page: Page, diagnosis: DiagnosisResult, shares: Mapping[str, float]
         with page.folded(_("What this recording could not show (%(count)s)", count=len(diagnosis.not_testable))):
             page.table(
                 [_("effect"), _("why"), _("what it needs")],
-                [[effect_name(n.effect), in_words(n.why), in_words(n.needs)] for n in diagnosis.not_testable],
+                [[effect_name(n.effect), hint(n.why), hint(n.needs)] for n in diagnosis.not_testable],
                 _("These were not tested; that they were not found says nothing."),
                 words=(0, 1, 2),
             )
@@ -355,7 +363,7 @@ def _remainder(page: Page, diagnosis: DiagnosisResult) -> None:
     if not remainder.hints and not remainder.resembles:
         return
     page.heading(_("What remains"))
-    page.bullets([in_words(hint) for hint in remainder.hints])
+    page.bullets([hint(one) for one in remainder.hints])
     if remainder.resembles:
         names = ", ".join(effect_name(name) for name in remainder.resembles)
         page.paragraph(_("It resembles, without being it: %(names)s.", names=names))

@@ -10,6 +10,7 @@ from highside.diagnosis.core.result import Claim, DiagnosisResult, Fit, Location
 from highside.physics.covariates import COVARIATES
 from highside.physics.effect import Stage
 from highside.physics.effects import all_effects, title_of
+from highside.report.parameter_names import parameter_name
 from highside.words import _, from_to, language, said_later, told
 
 VERDICTS = {
@@ -222,8 +223,9 @@ def sureness(claim: Claim) -> str:
     return f"{chance} {alike}"
 
 
-def sizes(claim: Claim) -> str:
-    """Parameters with their 95 % intervals; shapes without. Of a law its formula, or how large its curve is."""
+def sizes(claim: Claim, *, named: bool = False) -> str:
+    """Parameters with their 95 % intervals; shapes without. Of a law its formula, or how large its curve is. `named`:
+    parameters in words, not by their names in formulas and files."""
     words = []
     if claim.curve is not None and not claim.parameters:
         unit = "rad/s" if claim.place.startswith("gyro") else "g" if not claim.place.startswith("channel") else ""
@@ -245,7 +247,8 @@ def sizes(claim: Claim) -> str:
         if name in claim.simulated:
             known = f"{rounded(factor * claim.simulated[name], factor * p.std)} {unit}".rstrip()
             simulated = ", " + _("in the simulation %(size)s", size=known)
-        words.append(f"{name} = {value} {unit}".rstrip() + interval + simulated)
+        called = parameter_name(claim.effect, name) if named else name
+        words.append(f"{called} = {value} {unit}".rstrip() + interval + simulated)
     return (", " if not claim.simulated else "; ").join(words)
 
 
@@ -297,7 +300,7 @@ def proof(fit: Fit, noise: Mapping[str, Any] | None = None) -> str:
         size = shown(fit.noise_floor, fit.unit)
         floor = "" if fit.row_noise is None else ", " + _("noise %(size)s of such means", size=size)
         held = _before_after(fit.heldout_rmse_before, fit.heldout_rmse_after, fit.unit, changed=changed)
-        how = told(fit.how_held_out.partition("; gain")[0])
+        how = told(fit.how_held_out.partition("; gain")[0], "diagnosis")
         gain = {"low": _percent(fit.heldout_gain_low), "high": _percent(fit.heldout_gain_high)}
         removed = "; " + _("%(low)s to %(high)s of the mean square removed", **gain) if changed else ""
         held += f"{floor}{removed} ({how})"

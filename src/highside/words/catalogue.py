@@ -15,6 +15,7 @@ from typing import Any
 
 from highside.words.said import Said
 from highside.words.sentences import SENTENCES
+from highside.words.sentences_of_diagnosis import DIAGNOSIS
 
 LANGUAGES = {"en": "English", "de": "Deutsch", "nb": "Norsk", "es": "Español"}
 """by their ISO 639 codes, each in its own word"""
@@ -72,15 +73,25 @@ TOLD_MAX = 1000
 """Letters of what is looked up: no sentence of ours is as long."""
 NESTED_MAX = 4
 """Sentences within sentences: a prompt has a way to turn in it, and a plan's title."""
+JOINED_MAX = 16
+"""Parts of what was joined: of more none is told by itself."""
 _FIELD = re.compile(r"%\((\w+)\)s")
 
 
-def told(text: str) -> str:
+def told(text: str, of: str = "") -> str:
     """A sentence that others have made in English, in the language of the present reader: by what it was made of
-    (`Said`), as a word of the catalogue, or as one of `SENTENCES`; as it is where none fits."""
+    (`Said`), as a word of the catalogue, or as one of `SENTENCES`; as it is where none fits. `of`: of which lists more
+    sentences are known (`LISTS`), of which several may be joined; what people write must not be looked up there, for
+    some are short."""
     if isinstance(text, Said):
         return _(text.message) % {name: _value(value) for name, value in text.fields.items()}
-    return text if len(text) > TOLD_MAX else _told(text, language(), NESTED_MAX)
+    return text if len(text) > TOLD_MAX else _told(text, language(), NESTED_MAX, of)
+
+
+LISTS = {"": (), "diagnosis": DIAGNOSIS}
+"""Sentences that are known beside `SENTENCES`, by what is told."""
+_JOINTS = ("; ", ": ", " and ", ", ")
+"""Between the sentences, and in the listings, of a diagnosis."""
 
 
 def _value(value: Any) -> Any:
@@ -88,7 +99,7 @@ def _value(value: Any) -> Any:
 
 
 @lru_cache(maxsize=TOLD_KEPT)
-def _told(text: str, language: str, depth: int) -> str:
+def _told(text: str, language: str, depth: int, of: str = "") -> str:
     known = catalogue(language)
     if language == "en" or not text or depth == 0:
         return text
@@ -96,21 +107,44 @@ def _told(text: str, language: str, depth: int) -> str:
     for written in (text, text.replace("%", "%%")):
         if (same := known.gettext(written)) != written:
             return same.replace("%%", "%")
-    for pattern, message in _patterns():
+    for pattern, message in _patterns(of):
         if (found := pattern.fullmatch(text)) is not None:
-            fields = {name: _told(value, language, depth - 1) for name, value in found.groupdict().items()}
+            fields = {name: _told(value, language, depth - 1, of) for name, value in found.groupdict().items()}
             return known.gettext(message) % fields
     # several sentences, one after the other, or one with what was found out in brackets
     parts = re.split(r"(?<=[.?!]) +(?=[A-Z])", text, maxsplit=8)
     if len(parts) > 1:
-        return " ".join(_told(part, language, depth - 1) for part in parts)
+        return " ".join(_told(part, language, depth - 1, of) for part in parts)
+    return _joined(text, language, depth, of) if of else text
+
+
+def _joined(text: str, language: str, depth: int, of: str) -> str:
+    """What was joined of several, each told: the longest beginnings that are known, and what is known of the rest."""
+    for joint in _JOINTS:
+        parts = text.split(joint)
+        if not 1 < len(parts) <= JOINED_MAX:
+            continue
+        told: list[str] = []
+        while parts:
+            for count in range(len(parts), 0, -1):
+                whole = joint.join(parts[:count])
+                # the text as a whole is known not to be known
+                one = whole if whole == text else _told(whole, language, depth - 1, of)
+                if one != whole or count == 1:
+                    told.append(one)
+                    parts = parts[count:]
+                    break
+        between = catalogue(language).gettext(joint) if joint == " and " else joint
+        if (whole := between.join(told)) != text:
+            return whole
     return text
 
 
 @cache
-def _patterns() -> list[tuple[re.Pattern[str], str]]:
+def _patterns(of: str = "") -> list[tuple[re.Pattern[str], str]]:
     """Those with fields, the longest first: it says most of what it fits."""
-    ordered = sorted((one for one in SENTENCES if _FIELD.search(one)), key=lambda one: -len(_FIELD.sub("", one)))
+    every = (*SENTENCES, *LISTS[of])
+    ordered = sorted((one for one in every if _FIELD.search(one)), key=lambda one: -len(_FIELD.sub("", one)))
     return [(re.compile(_as_pattern(one)), one) for one in ordered]
 
 
