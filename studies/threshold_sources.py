@@ -20,7 +20,7 @@ from studies.thresholds import policies
 ROOT = Path(highside.diagnosis.__file__).parent
 TABLES = Path(__file__).with_name("thresholds.md")
 JUDGED = re.compile(r"Chosen in [0-9a-f]{7}; no run is recorded\.")
-ROW = re.compile(r"\| `([\w.:]+)` \| (\S+) \| [^|]+ \| ([^|]+) \| ([^|]+) \|$")
+ROW = re.compile(r"\| `([\w.:\[\]]+)` \| (\S+) \| [^|]+ \| ([^|]+) \| ([^|]+) \|$")
 TRIED = re.compile(r"(\d+) \((\S+)\)")
 WIDTH = 120
 
@@ -31,19 +31,32 @@ Place = tuple[str, str]
 def ranges() -> dict[Place, str]:
     """Of each field in the tables with its present value, from where to where no answer changes."""
     rows = {row[1]: row.groups()[1:] for line in TABLES.read_text().splitlines() if (row := ROW.match(line))}
-    found: dict[Place, set[tuple[str, str]]] = {}
+    found: dict[Place, dict[int | None, set[str]]] = {}
     for field in policies():
+        place = (type(field.owner).__name__, field.attribute)
         value, *tried = rows.get(field.name, ("", "", ""))
         if value == f"{field.value:.4g}":
             low, high = (_end(cell, value) for cell in tried)
-            found.setdefault((type(field.owner).__name__, field.attribute), set()).add((low, high))
+            found.setdefault(place, {}).setdefault(field.index, set()).add(f"{low} to {high}")
+        elif field.index is not None:
+            # a tuple has the ranges of all of its numbers or none
+            found.setdefault(place, {}).setdefault(field.index, set())
     # of a class that is there several times with other values no range is everybody's
-    return {place: " to ".join(*several) for place, several in found.items() if len(several) == 1}
+    return {
+        place: ", ".join(one for several in numbers.values() for one in several)
+        for place, numbers in found.items()
+        if all(len(several) == 1 for several in numbers.values())
+    }
 
 
 def _end(cell: str, value: str) -> str:
-    tried = TRIED.match(cell)
-    return value if tried is None or int(tried[1]) else tried[2]
+    return next((tried[2] for tried in TRIED.finditer(cell) if not int(tried[1])), value)
+
+
+def judged() -> set[Place]:
+    """The fields that have no source but the commit that put them there."""
+    texts = [path.read_text() for path in ROOT.rglob("*policy.py")]
+    return {place for text in texts for place, _, words in documented(text) if JUDGED.search(words)}
 
 
 def documented(text: str) -> list[tuple[Place, ast.Expr, str]]:

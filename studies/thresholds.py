@@ -1,13 +1,17 @@
 """What the numbers that decide in a diagnosis decide: each halved and doubled, and the answers compared.
 
-    python -m studies.thresholds [--cases 3] [--most-s 3.0] [--only PREFIX] [--keep FILE] [--table FILE]
+    python -m studies.thresholds [--cases 3] [--most-s 3.0] [--field-s 60] [--only PREFIX] [--judged] [--keep FILE]
+                                 [--table FILE]
 
-Every scalar field of every policy of `highside.diagnosis` is set to half and to twice its value (a whole number to the
-nearest one that differs; a share never beyond 1), one at a time, and recordings are diagnosed again. They are the
-shortest of each kind of `studies.equal_diagnoses` (poses, rotations, hand sessions of |g|, recordings beside another
-program's output; nulls, effects, laws) that take at most `--most-s` seconds of the processor; of those in which a field
-is read at all, up to `--cases` of different kinds are taken. An answer is its verdict and, of each claim, effect, place
-and covariates; sizes are not compared.
+Every scalar field of every policy of `highside.diagnosis`, and every number of a tuple, is set to half and to twice its
+value (a whole number to the nearest one that differs; a share never beyond 1), one at a time, and recordings are
+diagnosed again. Where an answer changes, 0.9 and 1.1 of the value are tried as well: an answer that changes there
+stands at the edge. The recordings are the shortest of each kind of `studies.equal_diagnoses` (poses, rotations, hand
+sessions of |g|, recordings beside another program's output; nulls, effects, laws) that take at most `--most-s` seconds
+of the processor, three small error tables, and of slower ones those that alone read a field. Which fields a case reads
+is traced once, and a field is tried on those cases alone: on up to `--cases`, of different kinds and cheapest first, as
+far as `--field-s` seconds reach, and on one at least. An answer is its verdict and, of each claim, effect, place and
+covariates; sizes are not compared. `--judged`: only fields that have no other source yet.
 
 Lines are kept in `--keep` as they come (JSON), so that an interrupted run goes on; `--table` writes what
 `studies/thresholds.md` holds. No answer is called right here, and recordings that are answered with a margin say little
@@ -33,13 +37,42 @@ from typing import Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+import numpy as np
+
 import highside
 import highside.diagnosis
+from highside.diagnosis.table.chain import CELLS, Procedure
+from highside.diagnosis.table.instrument import predict_table
+from highside.physics.forward import ForwardModel
 from studies import equal_diagnoses
-from studies.open_world.answers import Case
+from studies.open_world.answers import Case, Columns
 
 Answer = list[Any]
+TABLE_INC_DEG = np.array([90.0, 45.0, 20.0, 5.0])
+TABLE_STATIONS = 37
+TABLE_STOP = float(np.radians(0.009))
+TABLE_NOISE_G = 30e-6
 FACTORS = (0.5, 2.0)
+NEAR = (0.9, 1.1)
+"""Of the value, tried where half or twice of it changes an answer."""
+
+
+@dataclasses.dataclass(frozen=True)
+class ErrorTable:
+    """An error table that is diagnosed in the place of a recording."""
+
+    name: str
+    columns: Columns
+
+
+@dataclasses.dataclass(frozen=True)
+class Known:
+    """A case with its answer under the present values, the fields it reads, and its seconds of the processor."""
+
+    case: Case | ErrorTable
+    answer: Answer
+    names: set[str]
+    cost_s: float
 
 
 @dataclasses.dataclass(frozen=True)
@@ -47,13 +80,25 @@ class Field:
     """One number of one policy."""
 
     name: str
-    """MODULE:POLICY.FIELD, with further dots for a policy within a policy"""
+    """MODULE:POLICY.FIELD, with further dots for a policy within a policy, and [K] for a number of a tuple"""
     owner: Any
     attribute: str
+    index: int | None = None
+
+    @property
+    def whole(self) -> Any:
+        """What the attribute holds: the number, or the tuple it stands in."""
+        return object.__getattribute__(self.owner, self.attribute)
 
     @property
     def value(self) -> float:
-        return object.__getattribute__(self.owner, self.attribute)  # type: ignore[no-any-return]
+        return self.whole if self.index is None else self.whole[self.index]  # type: ignore[no-any-return]
+
+    def holding(self, value: float) -> Any:
+        """What the attribute holds with another value."""
+        if self.index is None:
+            return value
+        return (*self.whole[: self.index], value, *self.whole[self.index + 1 :])
 
     def times(self, factor: float) -> float | None:
         """Another value; None where there is none to try."""
@@ -77,7 +122,7 @@ def policies() -> Iterator[Field]:
                 # those that one module has from another are named by where they are defined
                 if name.isupper() and dataclasses.is_dataclass(value) and f"\n{name} = " in inspect.getsource(module):
                     for one in _fields(f"{short}:{name}", value):
-                        if (key := hash((id(one.owner), one.attribute))) not in given:
+                        if (key := hash((id(one.owner), one.attribute, one.index))) not in given:
                             given.add(key)
                             yield one
 
@@ -87,20 +132,28 @@ def _fields(name: str, owner: Any) -> Iterator[Field]:
         value = object.__getattribute__(owner, one.name)
         if dataclasses.is_dataclass(value):
             yield from _fields(f"{name}.{one.name}", value)
-        elif isinstance(value, (int, float)) and not isinstance(value, bool):
+        elif _number(value):
             yield Field(f"{name}.{one.name}", owner, one.name)
+        elif isinstance(value, tuple):
+            for k, number in enumerate(value):
+                if _number(number):
+                    yield Field(f"{name}.{one.name}[{k}]", owner, one.name, k)
+
+
+def _number(value: Any) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool)
 
 
 @contextlib.contextmanager
 def read_fields(fields: Sequence[Field]) -> Iterator[set[str]]:
     """The names of the fields that are read meanwhile."""
-    names = {(id(one.owner), one.attribute): one.name for one in fields}
+    names: dict[tuple[int, str], list[str]] = {}
+    for one in fields:
+        names.setdefault((id(one.owner), one.attribute), []).append(one.name)
     found: set[str] = set()
 
     def traced(self: Any, attribute: str) -> Any:
-        name = names.get((id(self), attribute))
-        if name is not None:
-            found.add(name)
+        found.update(names.get((id(self), attribute), ()))
         return object.__getattribute__(self, attribute)
 
     classes = {type(one.owner) for one in fields}
@@ -115,16 +168,39 @@ def read_fields(fields: Sequence[Field]) -> Iterator[set[str]]:
 
 @contextlib.contextmanager
 def replaced(field: Field, value: float) -> Iterator[None]:
-    before = field.value
-    object.__setattr__(field.owner, field.attribute, value)
+    before = field.whole
+    object.__setattr__(field.owner, field.attribute, field.holding(value))
     try:
         yield
     finally:
         object.__setattr__(field.owner, field.attribute, before)
 
 
-def answer(case: Case) -> Answer:
+def tables() -> Iterator[ErrorTable]:
+    """Error tables of three instruments, the mean of two that the simulated procedure draws from a seed each."""
+    procedure = Procedure("conventional3", stations=TABLE_STATIONS)
+    sensor = {"bias": {"b_x": 3e-4, "b_y": -2e-4, "b_z": 7e-4}, "scale": {"s_x": 2e-3, "s_y": -1e-3, "s_z": 3e-3}}
+    stops = {"pose_error": {"inc_station": TABLE_STOP, "tf_station": TABLE_STOP, "inc_pose": 0.0, "tf_pose": 0.0}}
+    more: dict[str, dict[str, dict[str, float]]] = {
+        "null": {},
+        "tilt": {"base_tilt": {"tilt_x": 2e-4, "tilt_y": -3e-4}},
+        "encoder": {"encoder_second_harmonic": {"c2": 1e-3}},
+    }
+    for seed, (name, effects) in enumerate(more.items()):
+        model = ForwardModel.of({**sensor, **stops, **effects})
+        cells = predict_table(TABLE_INC_DEG, procedure, model, TABLE_NOISE_G, count=2, seed=seed).cells
+        columns = {"inc_ref_deg": TABLE_INC_DEG, **dict(zip(CELLS, cells.T, strict=True))}
+        yield ErrorTable(f"table/{name}", columns)
+
+
+def answer(case: Case | ErrorTable) -> Answer:
     """What is compared; an error is an answer too."""
+    if isinstance(case, ErrorTable):
+        try:
+            found = highside.diagnose_table(dict(case.columns), corrected_by="conventional3", stations=TABLE_STATIONS)
+        except Exception as error:  # as below
+            return [type(error).__name__]
+        return _compared(found)
     with tempfile.TemporaryDirectory(prefix="thresholds-") as place:
         model = Path(place) / "model.toml"
         model.write_text(case.model)
@@ -132,11 +208,15 @@ def answer(case: Case) -> Answer:
             found = highside.diagnose(dict(case.recording), model, simulation=case.prediction)
         except Exception as error:  # what a wrong number leads to is part of the finding
             return [type(error).__name__]
+    return _compared(found)
+
+
+def _compared(found: highside.Diagnosis) -> Answer:
     return [found.verdict, sorted([c.effect, c.place, *c.depends_on] for c in found.claims)]
 
 
-def _kind(case: Case) -> str:
-    return f"{case.design}/{case.group}"
+def _kind(case: Case | ErrorTable) -> str:
+    return case.name if isinstance(case, ErrorTable) else f"{case.design}/{case.group}"
 
 
 def smallest(deck: Iterable[Case], each: int) -> list[Case]:
@@ -147,44 +227,58 @@ def smallest(deck: Iterable[Case], each: int) -> list[Case]:
     return [case for cases in kinds.values() for case in cases[:each]]
 
 
-def measured(
-    deck: Sequence[Case], fields: Sequence[Field], most_s: float
-) -> list[tuple[Case, Answer, set[str], float]]:
-    """Of each case that is short enough its answer, the fields it reads and its cost, cheapest first."""
+def measured(deck: Iterable[Case | ErrorTable], fields: Sequence[Field], most_s: float) -> list[Known]:
+    """Of each case its answer, the fields it reads and its cost, cheapest first.
+
+    Those that take more than `most_s` only where no cheaper one reads a field that they read.
+    """
     found = []
     for case in deck:
         start = time.process_time()
-        before = answer(case)
-        cost = time.process_time() - start
-        print(f"{case.name}: {before[0]}, {cost:.1f} s", flush=True)
-        if cost <= most_s:
-            with read_fields(fields) as names:
-                again = answer(case)
-            assert again == before, f"{case.name} answers differently the second time"
-            found.append((case, before, names, cost))
-    return sorted(found, key=lambda one: one[3])
+        with read_fields(fields) as names:
+            before = answer(case)
+        known = Known(case, before, names, time.process_time() - start)
+        print(f"{case.name}: {before[0]}, {known.cost_s:.1f} s, {len(names)} fields", flush=True)
+        found.append(known)
+    kept: list[Known] = []
+    read: set[str] = set()
+    for known in sorted(found, key=lambda one: one.cost_s):
+        if known.cost_s <= most_s or known.names - read:
+            kept.append(known)
+            read |= known.names
+    return kept
 
 
-def chosen(name: str, known: Sequence[tuple[Case, Answer, set[str], float]], most: int) -> list[tuple[Case, Answer]]:
-    """Cheap cases that read a field, each kind once before any twice."""
-    readers = [(case, before) for case, before, names, _ in known if name in names]
-    first: dict[str, tuple[Case, Answer]] = {}
-    for case, before in readers:
-        first.setdefault(_kind(case), (case, before))
-    rest = [one for one in readers if not any(one is kept for kept in first.values())]
-    return [*first.values(), *rest][:most]
+def chosen(name: str, known: Sequence[Known], most: int, most_s: float) -> list[Known]:
+    """Cheap cases that read a field, each kind once before any twice, as far as the seconds reach; one at least."""
+    readers = [one for one in known if name in one.names]
+    first: dict[str, Known] = {}
+    for one in readers:
+        first.setdefault(_kind(one.case), one)
+    ordered = [*first.values(), *(one for one in readers if not any(one is kept for kept in first.values()))]
+    taken: list[Known] = []
+    for one in ordered[:most]:
+        if not taken or len(FACTORS) * (one.cost_s + sum(other.cost_s for other in taken)) <= most_s:
+            taken.append(one)
+    return taken
 
 
-def row(field: Field, cases: Sequence[tuple[Case, Answer]]) -> dict[str, Any]:
+def row(field: Field, cases: Sequence[Known]) -> dict[str, Any]:
     """Of one field what changed, for each value that was tried."""
     tried = []
-    for factor in FACTORS:
+    for factor, near in zip(FACTORS, NEAR, strict=True):
         value = field.times(factor)
         if value is not None and cases:
-            with replaced(field, value):
-                changed = [case.name for case, before in cases if answer(case) != before]
-            tried.append({"value": value, "changed": changed})
-    return {"field": field.name, "value": field.value, "cases": [case.name for case, _ in cases], "tried": tried}
+            tried.append(_tried(field, value, cases))
+            nearer = field.times(near)
+            if tried[-1]["changed"] and nearer is not None and nearer != value:
+                tried[-1]["near"] = _tried(field, nearer, cases)
+    return {"field": field.name, "value": field.value, "cases": [one.case.name for one in cases], "tried": tried}
+
+
+def _tried(field: Field, value: float, cases: Sequence[Known]) -> dict[str, Any]:
+    with replaced(field, value):
+        return {"value": value, "changed": [one.case.name for one in cases if answer(one.case) != one.answer]}
 
 
 def table(rows: Sequence[dict[str, Any]]) -> str:
@@ -194,7 +288,8 @@ def table(rows: Sequence[dict[str, Any]]) -> str:
     def change(one: dict[str, Any], k: int) -> str:
         if len(one["tried"]) <= k:
             return "not tried"
-        return f"{len(one['tried'][k]['changed'])} ({one['tried'][k]['value']:.4g})"
+        steps = [one["tried"][k], *([one["tried"][k]["near"]] if "near" in one["tried"][k] else [])]
+        return ", ".join(f"{len(step['changed'])} ({step['value']:.4g})" for step in steps)
 
     most = sorted(rows, key=lambda one: (-sum(len(t["changed"]) for t in one["tried"]), one["field"]))
     for one in most:
@@ -209,19 +304,26 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--cases", type=int, default=3)
     parser.add_argument("--most-s", type=float, default=3.0)
+    parser.add_argument("--field-s", type=float, default=60.0, help="seconds of the processor for a field, about")
     parser.add_argument("--only", default="", help="fields whose name begins so")
+    parser.add_argument("--judged", action="store_true", help="only fields without another source")
     parser.add_argument("--keep", type=Path, default=Path("thresholds.jsonl"))
     parser.add_argument("--table", type=Path)
     given = parser.parse_args()
     fields = [one for one in policies() if one.name.startswith(given.only)]
+    if given.judged:
+        from studies.threshold_sources import judged  # which needs the fields from here
+
+        places = judged()
+        fields = [one for one in fields if (type(one.owner).__name__, one.attribute) in places]
     kept = [json.loads(line) for line in given.keep.read_text().splitlines()] if given.keep.exists() else []
     done = {one["field"] for one in kept}
     if any(one.name not in done for one in fields):
-        known = measured(smallest(equal_diagnoses.cases(), given.cases), fields, given.most_s)
-        print(f"{len(known)} recordings, {sum(one[3] for one in known):.1f} s together; {len(fields)} fields")
+        known = measured([*tables(), *smallest(equal_diagnoses.cases(), given.cases)], fields, given.most_s)
+        print(f"{len(known)} cases, {sum(one.cost_s for one in known):.1f} s together; {len(fields)} fields")
         for field in fields:
             if field.name not in done:
-                kept.append(row(field, chosen(field.name, known, given.cases)))
+                kept.append(row(field, chosen(field.name, known, given.cases, given.field_s)))
                 with given.keep.open("a") as file:
                     print(json.dumps(kept[-1]), file=file)
                 print(table(kept[-1:]).splitlines()[2], flush=True)

@@ -11,13 +11,14 @@ import signal
 import socket
 import sys
 import uuid
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import httpx
 import psutil
 import pytest
+from broker import Mosquitto
 from playwright.async_api import Browser, async_playwright
 
 CHROMIUM = shutil.which("chromium")
@@ -41,7 +42,26 @@ port = 0
 """
 JOINT = 'kind = "joint"\nposes = 16'
 SIX = 'kind = "conventional"\npositions = 6'
+TOKEN = "a token of the page"
 RING = 'kind = "balance"\ninclinations_deg = [45.0]'
+
+
+@contextlib.contextmanager
+def served_bench(folder: Path) -> Iterator[tuple[Mosquitto, tuple[str, ...]]]:
+    """A broker, and the options by which `serve` offers everything: a bench to begin at with `TOKEN`, the diagnosis."""
+    (folder / "benches").mkdir()
+    (folder / "benches" / "six.toml").write_text(FILE.format(speed=4.0, plan=SIX))
+    (folder / "token").write_text(TOKEN + "\n")
+    (folder / "token").chmod(0o600)
+    broker = Mosquitto(folder / "broker")
+    broker.start()
+    try:
+        yield broker, (
+            "--diagnose", "--bench", str(folder / "benches"), "--set", f"bench.state={folder}/pages",
+            "--set", f"web.token_file={folder}/token", "--set", f"mqtt.port={broker.port}",
+        )  # fmt: skip
+    finally:
+        broker.stop()
 
 
 @dataclass

@@ -14,12 +14,10 @@ import asyncio
 import tempfile
 from pathlib import Path
 
-from bench_page import FILE, SIX, bench_process
-from broker import Mosquitto
+from bench_page import SIX, TOKEN, bench_process, served_bench
 from firefox import FIREFOX, FirefoxPage, firefox
 from test_tools_page import NOISY, history_message, serve, tool, watch_message
 
-TOKEN = "a token of the page"
 WIDTHS = (360, 820, 1400)
 
 
@@ -72,18 +70,8 @@ async def a_session(tmp_path: Path, browser: str, shots: Path | None) -> None:
 
 async def the_served_pages(tmp_path: Path, browser: str, shots: Path | None) -> None:
     """A tool live, then grey; the page of sessions, signed in with the keyboard; the diagnosis."""
-    for name in ("profile", "benches"):
-        (tmp_path / name).mkdir()
-    (tmp_path / "benches" / "six.toml").write_text(FILE.format(speed=4.0, plan=SIX))
-    (tmp_path / "token").write_text(TOKEN + "\n")
-    (tmp_path / "token").chmod(0o600)
-    broker = Mosquitto(tmp_path / "broker")
-    broker.start()
-    options = (
-        "--diagnose", "--bench", str(tmp_path / "benches"), "--set", f"bench.state={tmp_path}/pages",
-        "--set", f"web.token_file={tmp_path}/token", "--set", f"mqtt.port={broker.port}",
-    )  # fmt: skip
-    try:
+    (tmp_path / "profile").mkdir()
+    with served_bench(tmp_path) as (broker, options):
         async with serve(*options) as (address, _), firefox(tmp_path / "profile", browser) as page:
             async with tool(broker.port, "tool-7") as client:
                 await client.publish("highside/tool-7/watch", watch_message())
@@ -103,8 +91,6 @@ async def the_served_pages(tmp_path: Path, browser: str, shots: Path | None) -> 
             await page.until("document.querySelector('#recording')")
             await fits(page, "diagnosis", shots)
             assert page.hosts <= {"127.0.0.1"} and not unheard(page), (page.hosts, page.errors)
-    finally:
-        broker.stop()
 
 
 def main() -> None:

@@ -519,14 +519,18 @@ def test_each_extra_is_tried(project_root: Path) -> None:
     assert set(EXTRAS) == set(declared) - {"all", "test", "docs", "build", "rivals"}
 
 
+def _try_extra(extra: str, it: Installed, project_root: Path, bench_data: Path, tmp_path: Path) -> None:
+    """Everything that the extra promises, each in a folder of its own."""
+    for number, does in enumerate(EXTRAS[extra]):
+        (tmp_path / str(number)).mkdir()
+        does(it, project_root, bench_data, tmp_path / str(number))
+
+
 @pytest.mark.parametrize("extra", EXTRAS)
 def test_an_extra_brings_what_it_promises(
     extra: str, install: Callable[[str, str], Installed], project_root: Path, bench_data: Path, tmp_path: Path
 ) -> None:
-    it = install(extra, "highest")
-    for number, does in enumerate(EXTRAS[extra]):
-        (tmp_path / str(number)).mkdir()
-        does(it, project_root, bench_data, tmp_path / str(number))
+    _try_extra(extra, install(extra, "highest"), project_root, bench_data, tmp_path)
 
 
 @pytest.mark.parametrize("extra", OLDEST)
@@ -534,10 +538,7 @@ def test_an_extra_alone_at_its_oldest_brings_what_it_promises(
     extra: str, install: Callable[[str, str], Installed], project_root: Path, bench_data: Path, tmp_path: Path
 ) -> None:
     """Beside others, an extra has what those require of the packages they share; here it has its own bounds alone."""
-    it = install(extra, "lowest-direct")
-    for number, does in enumerate(EXTRAS[extra]):
-        (tmp_path / str(number)).mkdir()
-        does(it, project_root, bench_data, tmp_path / str(number))
+    _try_extra(extra, install(extra, "lowest-direct"), project_root, bench_data, tmp_path)
 
 
 def test_the_service_brings_nothing_of_the_desk(install: Callable[[str, str], Installed]) -> None:

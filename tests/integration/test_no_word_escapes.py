@@ -8,8 +8,7 @@ import re
 from pathlib import Path
 
 import pytest
-from bench_page import FILE, SIX, chromium
-from broker import Mosquitto
+from bench_page import TOKEN, chromium, served_bench
 from page_states import PAGES
 from playwright.async_api import Page
 from test_page_pictures import slides
@@ -17,7 +16,6 @@ from test_tools_page import attitude, history_message, serve, tool, watch_messag
 
 from tests.brackets import put_in_brackets
 
-TOKEN = "a token of the page"
 SEEN = """() => {
   const out = [];
   const foreign = 'code, kbd, [lang]:not(html, [lang=de]), .languages button, [id*=popup], .q-icon, script, style,'
@@ -88,18 +86,8 @@ async def test_no_word_of_the_served_pages_escapes(
     brackets: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setenv("HIGHSIDE_LOCALE", str(brackets))
-    (tmp_path / "benches").mkdir()
-    (tmp_path / "benches" / "six.toml").write_text(FILE.format(speed=4.0, plan=SIX))
-    (tmp_path / "token").write_text(TOKEN + "\n")
-    (tmp_path / "token").chmod(0o600)
-    broker = Mosquitto(tmp_path / "broker")
-    broker.start()
-    options = (
-        "--diagnose", "--bench", str(tmp_path / "benches"), "--set", f"bench.state={tmp_path}/pages",
-        "--set", f"web.token_file={tmp_path}/token", "--set", f"mqtt.port={broker.port}",
-    )  # fmt: skip
     found = {}
-    try:
+    with served_bench(tmp_path) as (broker, options):
         async with serve(*options) as (address, _), chromium() as browser:
             page = await (await browser.new_context(locale="de-DE")).new_page()
             for name in ("bench", "diagnosis", ""):
@@ -130,8 +118,6 @@ async def test_no_word_of_the_served_pages_escapes(
             await page.click("button[type=submit]:not(.quiet):not([name=code])")
             await page.wait_for_selector(".warning, table.rows, .alarm", timeout=60_000)
             found["diagnosis, looked at"] = await escaped(page)
-    finally:
-        broker.stop()
     assert not any(found.values()), {name: texts for name, texts in found.items() if texts}
 
 
