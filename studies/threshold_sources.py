@@ -36,7 +36,7 @@ def ranges() -> dict[Place, str]:
         place = (type(field.owner).__name__, field.attribute)
         value, *tried = rows.get(field.name, ("", "", ""))
         if value == f"{field.value:.4g}":
-            low, high = (_end(cell, value) for cell in tried)
+            low, high = (end(cell, value) for cell in tried)
             found.setdefault(place, {}).setdefault(field.index, set()).add(f"{low} to {high}")
         elif field.index is not None:
             # a tuple has the ranges of all of its numbers or none
@@ -49,7 +49,8 @@ def ranges() -> dict[Place, str]:
     }
 
 
-def _end(cell: str, value: str) -> str:
+def end(cell: str, value: str) -> str:
+    """The farthest value in a cell of the table that changed no answer, else the present one."""
     return next((tried[2] for tried in TRIED.finditer(cell) if not int(tried[1])), value)
 
 

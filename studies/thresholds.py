@@ -1,7 +1,7 @@
 """What the numbers that decide in a diagnosis decide: each halved and doubled, and the answers compared.
 
-    python -m studies.thresholds [--cases 3] [--most-s 3.0] [--field-s 60] [--only PREFIX] [--judged] [--keep FILE]
-                                 [--table FILE]
+    python -m studies.thresholds [--cases 3] [--most-s 3.0] [--field-s 60] [--only PREFIX] [--kind KIND]
+                                 [--judged] [--keep FILE] [--table FILE]
 
 Every scalar field of every policy of `highside.diagnosis`, and every number of a tuple, is set to half and to twice its
 value (a whole number to the nearest one that differs; a share never beyond 1), one at a time, and recordings are
@@ -306,6 +306,7 @@ def main() -> None:
     parser.add_argument("--most-s", type=float, default=3.0)
     parser.add_argument("--field-s", type=float, default=60.0, help="seconds of the processor for a field, about")
     parser.add_argument("--only", default="", help="fields whose name begins so")
+    parser.add_argument("--kind", default="", help="cases whose kind begins so: poses, rotation, hand, beside, table")
     parser.add_argument("--judged", action="store_true", help="only fields without another source")
     parser.add_argument("--keep", type=Path, default=Path("thresholds.jsonl"))
     parser.add_argument("--table", type=Path)
@@ -319,7 +320,8 @@ def main() -> None:
     kept = [json.loads(line) for line in given.keep.read_text().splitlines()] if given.keep.exists() else []
     done = {one["field"] for one in kept}
     if any(one.name not in done for one in fields):
-        known = measured([*tables(), *smallest(equal_diagnoses.cases(), given.cases)], fields, given.most_s)
+        deck = [*tables(), *smallest(equal_diagnoses.cases(), given.cases)]
+        known = measured([case for case in deck if _kind(case).startswith(given.kind)], fields, given.most_s)
         print(f"{len(known)} cases, {sum(one.cost_s for one in known):.1f} s together; {len(fields)} fields")
         for field in fields:
             if field.name not in done:

@@ -75,7 +75,8 @@ class CausesPolicy:
     most_rows: int = 20_000
     """Rows; of a longer recording every so many are used. Source: studies.thresholds, 1e+04 to 4e+04."""
     inclined_rad: float = 0.002
-    """rad; inclinations that differ by less are one. Chosen in af2f195; no run is recorded."""
+    """rad; inclinations that differ by less are one. Source: chosen; 0.11 deg, more than a bench is off at one station
+    and less than any step between two."""
     nothing: float = 1e-24
     """Sum of squares, g^2, of an effect that adds nothing. Source: studies.thresholds, 5e-25 to 2e-24."""
 
@@ -129,7 +130,7 @@ class RivalRefitPolicy:
     alike: float = 2.0
     """BIC; a smaller difference is not worth a mention. Source: Kass and Raftery, J. Amer. Statist. Assoc. 90, 1995."""
     refitted: int = 3
-    """Rivals of a strong effect that are fitted in full. Chosen in 51913bb; no run is recorded."""
+    """Rivals of a strong effect that are fitted in full. Source: chosen; a limit of time, as each is a whole fit."""
     needed: float = 12.0
     """Chi-square by which the full fit must be worse without a term. Source: a sag of 0.9 deg, beside which a harmonic
     of the inclination was chosen to first order, loses 2 without that; a term is chosen from about 25 on."""
@@ -283,7 +284,7 @@ class MemoryPolicy:
     them. Source: studies.thresholds, 0.35 to 0.85."""
     pair_score: float = 12.0
     """-2 log likelihood; two slow effects stand in place of one that is enough by itself where they gain so much more.
-    Chosen in f202a8b; no run is recorded."""
+    Source: chi-square of two degrees of freedom, beyond 12 by chance in 0.25 %."""
     banded_from: int = 16
     """Columns beyond which a filter of one setting passes column by column. Source: a pass row by row costs as much for
     16 columns as for one."""
@@ -383,12 +384,12 @@ class SupportPolicy:
     settings: int = 48
     """A covariate with at most so many values is stepped: each is a cell. Source: studies.thresholds, 24 to 96."""
     cells: int = 24
-    """Cells of a covariate that is not stepped. Chosen in 541f29c; no run is recorded."""
+    """Cells of a covariate that is not stepped. Source: a definition: 15 deg of a turn each."""
     windows: int = 3
     """Windows of one mismatch. Chosen in 541f29c; no run is recorded."""
     ridge: float = 1e-7
-    """Share of a cell's energy added to it, so that cells alike can be solved for. Chosen in 541f29c; no run is
-    recorded."""
+    """Share of a cell's energy added to it, so that cells alike can be solved for. Source: above the rounding of inner
+    products, 1.5e-8 (the square root of double precision's)."""
 
 
 SUPPORT = SupportPolicy()
@@ -431,8 +432,8 @@ class ProcedurePolicy:
     """How often the procedure goes round."""
 
     refined: int = 2
-    """Slow effects of which the best time constant is looked for beside a random walk. Chosen in 6a24687; no run is
-    recorded."""
+    """Slow effects of which the best time constant is looked for beside a random walk. Source: chosen; a limit of time,
+    as each is a search of its own."""
     relinearisations: int = 2
     """Times that what is beyond first order is taken out: the second is exact where the first was nearly. Source:
     studies.thresholds, 1 to 4."""

@@ -26,12 +26,12 @@ class SlowLimits:
     """-2 log likelihood; evidence of memory that is hardly any. Source: studies.thresholds, 3 to 12."""
     straight: float | None = None
     """-log10 p required of what is a straight line in time, which a random walk imitates more easily than others.
-    Chosen in f202a8b; no run is recorded."""
+    Source: no limit of its own, as is right where a straight line is not free: who has one gives it."""
     forgiven: float = 0.0
     """Share of the evidence of memory that may remain beside one that beats the random walk twice as clearly as
-    required. Chosen in 6be9111; no run is recorded."""
+    required. Source: none, the strictest there is: who forgives gives a share."""
     pairs: bool = False
-    """Whether two may pass together where neither passes alone. Chosen in f202a8b; no run is recorded."""
+    """Whether two may pass together where neither passes alone. Source: the strictest: who lets pairs pass says so."""
     over_random_walk: float | None = None
     """-2 log likelihood; in place of -log10 p, twice the logarithm of the likelihood ratio that is required of the
     effect without any random walk over a random walk without the effect: either has to explain all that was observed.
@@ -57,8 +57,8 @@ class ProblemPolicy:
     """Share of the excess misfit that names must explain to be given. Chosen in 21ed34d with the prototype, whose
     scored runs used it; no run that varied it is recorded."""
     marginal: float = 0.0
-    """-log10 p; a remainder that is above chance by no more than this withdraws no names. Chosen in 36be2bd; no
-    run is recorded."""
+    """-log10 p; a remainder that is above chance by no more than this withdraws no names. Source: none, the strictest
+    there is: who forgives gives a level."""
     interaction_margin: float = 6.0
     """BIC; a name is not given where something without a name comes nearer to it than this. Chosen in 21ed34d with the
     prototype, whose scored runs used it; no run that varied it is recorded."""
@@ -80,5 +80,5 @@ class ProblemPolicy:
     null sessions of poses leave 0.98 to 1.03 where noise is white from row to row; 1.35 to 1.5 where it is correlated
     from pose to pose, which its spectrum identifies."""
     slow_beside_fast: bool = False
-    """Whether effects of time run like those of the programme, so that they must be chosen together. Chosen in 207dc25;
-    no run is recorded."""
+    """Whether effects of time run like those of the programme, so that they must be chosen together. Source: a property
+    of a session, no limit: rotations have it."""

@@ -23,17 +23,21 @@ class ChecksPolicy:
     """Share of the rows that may lack a value and be left out of poses. Source: tests/unit/test_diagnosis_gaps.py, 10
     to 30 % missing."""
     most_binary: int = 1000
-    """Even odds multiplied, at most: 2^-1000 is still a double. Chosen in 21ed34d; no run is recorded."""
+    """Even odds multiplied, at most: 2^-1000 is still a double. Source: the format: the smallest normal double is
+    2^-1022."""
     gravity: tuple[float, float] = (0.7, 1.4)
-    """g; between these the median length of a reading is that of gravity. Chosen in 21ed34d; no run is recorded."""
+    """g; between these the median length of a reading is that of gravity. Source: a factor of 1.4 to either side: the
+    next unit (1 / 9.81, 9.81, 1000) is far."""
     unit: tuple[float, float] = (0.8, 1.25)
-    """Between these factors a length is gravity in another unit. Chosen in 21ed34d; no run is recorded."""
+    """Between these factors a length is gravity in another unit. Source: 0.8 and 1/0.8: a length within the 25 % by
+    which scale and bias of a sensor that works may change it."""
     away_g: float = 0.3
     """g; a reading whose length is off by more counts against the unit. Chosen in 21ed34d; no run is recorded."""
     follows_g: float = 0.2
     """g; rms up to which readings follow the bench's angles. Source: studies.thresholds, 0.1 to 0.4."""
     off_g2: float = 0.04
-    """G^2; a reading off by more counts against the angles. Chosen in 21ed34d; no run is recorded."""
+    """G^2; a reading off by more counts against the angles. Source: 0.2 g squared: 11.5 deg of an angle, more than any
+    bench or misalignment is off."""
     load_steps: int = 10
     """Converter steps by which loads must differ to be different. Source: studies.thresholds, 5 to 20."""
     load_g: float = 2e-3
@@ -85,12 +89,14 @@ class ClockPolicy:
     """Rows that are looked at behind a step back, and steps back that are looked at. Source: studies.thresholds, 25 to
     100."""
     around: int = 10
-    """Rows around a step back that must run evenly. Chosen in b616c3f; no run is recorded."""
+    """Rows around a step back that must run evenly. Source: rows in disorder run forward ten times one after the other
+    in 1 of 2^10 = 1024."""
     even: float = 1.5
-    """Usual spacings; neighbours nearer than this follow one another. Chosen in b616c3f; no run is recorded."""
+    """Usual spacings; neighbours nearer than this follow one another. Source: halfway between the next row and the one
+    after."""
     back: float = 0.5
-    """Usual spacings by which time must fall for the clock to have been set back. Chosen in b616c3f; no run is
-    recorded."""
+    """Usual spacings by which time must fall for the clock to have been set back. Source: halfway between no step and a
+    whole row."""
     rarer: int = 10
     """A clock set back is so many times as rare as a stray frame. Chosen in b616c3f; no run is recorded."""
     exact: float = 1e-6
@@ -114,8 +120,8 @@ class ClockPolicy:
     least_stop: int = 2
     """Rows of a usual stop, more than which it can have lost some. Source: studies.thresholds, 1 to 4."""
     tails: int = 4
-    """Degrees of freedom of Student's t that the jitter of a healthy clock is taken to have. Chosen in b616c3f; no run
-    is recorded."""
+    """Degrees of freedom of Student's t that the jitter of a healthy clock is taken to have. Source: heavy on purpose:
+    six scatters are then one difference in 260, for a normal law one in 5e8, so that only what is far out counts."""
 
 
 CLOCK = ClockPolicy()
@@ -126,7 +132,8 @@ class ImpulsesPolicy:
     """Single readings far off."""
 
     tails: tuple[float, ...] = (2.5, 3.0, 4.0, 5.0, 7.0, 10.0, 20.0, 100.0)
-    """Degrees of freedom of Student's t that healthy noise may have. Chosen in b616c3f; no run is recorded."""
+    """Degrees of freedom of Student's t that healthy noise may have. Source: a grid: the 98 % quantiles of neighbours
+    differ by 7 to 21 %; 100 is a normal law nearly."""
     window: int = 25
     """Rows around a reading by which its scatter is known; of a stop no longer than this the median is taken whole.
     Source: studies.thresholds, 12 to 50."""
@@ -147,7 +154,8 @@ class ImpulsesPolicy:
     least_stop: int = 5
     """Rows of a stop from which a reading can be compared with the others. Source: studies.thresholds, 2 to 10."""
     neighbours: int = 7
-    """Rows whose median a reading is compared with in a long stop. Chosen in b616c3f; no run is recorded."""
+    """Rows whose median a reading is compared with in a long stop. Source: the shortest odd window whose median stays
+    with three impulses in it."""
     windows: int = 4
     """Windows over which the scatter is taken. Source: studies.thresholds, 2 to 8."""
     quietest: float = 0.3

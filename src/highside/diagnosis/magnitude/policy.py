@@ -38,8 +38,8 @@ class ProjectedRandomWalkPolicy:
     """A random walk observed through the magnitude."""
 
     shares: tuple[float, ...] = (0.0, *MEMORY.shares[np.inf], 3.0, 12.0)
-    """Variance of a step from reading to reading in units of the white variance. Chosen in c645a00; no run is
-    recorded."""
+    """Variance of a step from reading to reading in units of the white variance. Source: the grid of poses, and beyond
+    it steps as large as the noise and some times larger, as a recording of |g| may have seconds between readings."""
 
 
 PROJECTED_RANDOM_WALK = ProjectedRandomWalkPolicy()

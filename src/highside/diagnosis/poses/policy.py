@@ -30,18 +30,19 @@ class PoseNoisePolicy:
     uneven: float = 0.01
     """Chance at which even noise would be taken for uneven. Source: studies.thresholds, 0.005 to 0.02."""
     powers: Array = field(default_factory=lambda: np.linspace(0.0, 1.5, 16))
-    """Powers of the scatter within poses that the scatter from pose to pose is tried to go with. Chosen in 36be2bd; no
-    run is recorded."""
+    """Powers of the scatter within poses that the scatter from pose to pose is tried to go with. Source: a grid in
+    steps of a tenth, from none to beyond the first power."""
     components: int = 5
     """Sizes of the noise that are fitted where the bench scatters: three sensors and two angles. Source:
     studies.thresholds, 5 to 10."""
     least_square: float = 1e-6
     """Least mean square within poses, beside the mean of all. Source: studies.thresholds, 5e-07 to 2e-06."""
     start: tuple[float, ...] = (-0.3, -0.3, -0.3, -0.5, -0.5)
-    """Logarithms of the five sizes, in those of the residual, from which the likelihood is climbed. Chosen in 63c0b1b;
-    no run is recorded."""
+    """Logarithms of the five sizes, in those of the residual, from which the likelihood is climbed. Source: chosen;
+    sizes below the whole residual's, which the five share."""
     sensor_bounds: tuple[int, int] = (-6, 1)
-    """Logarithms between which a sensor's size is sought. Chosen in 63c0b1b; no run is recorded."""
+    """Logarithms between which a sensor's size is sought. Source: e^-6 is 0.25 % of the residual, whose square nobody
+    sees beside it (6e-6), and e is more than all of it."""
     angle_bounds: tuple[int, int] = (-6, 4)
     """Logarithms between which a bench angle's size is sought. Chosen in 63c0b1b; no run is recorded."""
     turns: int = 40
@@ -72,8 +73,8 @@ class PoseSessionsPolicy:
     """Fewer leave too little beside twelve base parameters: 36 readings, 24 of them free. What so few cannot show is
     reported as not testable. Source: tests/unit/test_diagnosis_few_poses.py."""
     key: int = 1000
-    """Keeps apart the two angles of a setting in one number: a toolface in deg is below it. Chosen in 21ed34d; no run
-    is recorded."""
+    """Keeps apart the two angles of a setting in one number: a toolface in deg is below it. Source: a definition: more
+    than 360, and exact in a double with the other angle's rounding."""
 
 
 POSE_SESSIONS = PoseSessionsPolicy()

@@ -18,21 +18,26 @@ class RotationAdvicePolicy:
     """Which rates are advised."""
 
     inclinations_deg: tuple[float, ...] = (0.0, 30.0, 60.0, 90.0, 120.0)
-    """deg; inclinations among which stretches are advised. Chosen in 6d48f80; no run is recorded."""
+    """deg; inclinations among which stretches are advised. Source: a definition: from the vertical over the horizontal,
+    in thirds of a right angle."""
     rates_hz: tuple[float, ...] = (0.1, 0.5, 1.0, 2.0, 3.0)
-    """Hz; rates among which stretches are advised. Chosen in 6d48f80; no run is recorded."""
+    """Hz; rates among which stretches are advised. Source: from the slowest that a turntable holds evenly to the
+    fastest of a rotating tool in drilling (180 1/min)."""
     seconds: float = 20.0
-    """s; length of an advised stretch. Chosen in 6d48f80; no run is recorded."""
+    """s; length of an advised stretch. Source: two turns at the slowest rate of `rates_hz`."""
     sample_hz: float = 25.0
-    """Hz; rows of an advised stretch, for weighing it. Chosen in 6d48f80; no run is recorded."""
+    """Hz; rows of an advised stretch, for weighing it. Source: eight rows a turn, about, at the fastest rate of
+    `rates_hz`."""
     rows: int = 1500
-    """Rows of the recording by which what is known is weighed. Chosen in 6d48f80; no run is recorded."""
+    """Rows of the recording by which what is known is weighed. Source: a limit of time: what is known adds up over
+    rows, and 1500 know a mean square to 4 %."""
     stretches: int = 2
-    """Stretches that are advised. Chosen in 6d48f80; no run is recorded."""
+    """Stretches that are advised. Source: a reader's: more is no advice."""
     ramps_hz: tuple[float, float] = (1.0, 2.0)
-    """Hz; rates to which ramps are advised. Chosen in 6d48f80; no run is recorded."""
+    """Hz; rates to which ramps are advised. Source: two of `rates_hz`."""
     ramp_s: int = 4
-    """s; a ramp to the rate and back, with a second at each end. Chosen in 6d48f80; no run is recorded."""
+    """s; a ramp to the rate and back, with a second at each end. Source: a second each: up, at the rate, down and
+    still, an angular acceleration of 2 pi to 4 pi rad/s2 with `ramps_hz`."""
 
 
 ROTATION_ADVICE = RotationAdvicePolicy()
@@ -43,25 +48,30 @@ class BurstsPolicy:
     """Vibration that comes and goes."""
 
     shares: tuple[float, ...] = (0.025, 0.05, 0.1, 0.2)
-    """Lengths of the windows, of the rows. Chosen in 7383815; no run is recorded."""
+    """Lengths of the windows, of the rows. Source: each twice the one before: a burst between the shortest and the
+    longest is within a factor of 1.4 of one of them."""
     shortest: int = 128
-    """Rows of a window, at least. Chosen in 7383815; no run is recorded."""
+    """Rows of a window, at least. Source: 61 cells from `first_cell` on: their median is known to 18 % (1 / (ln 2
+    sqrt(61)), for exponential cells)."""
     first_cell: int = 3
     """What is slower than this in a window is drift: cycles. Chosen in 7383815; no run is recorded."""
     neighbours: int = 100
-    """Cells by whose median the level around a cell is known. Chosen in 7383815; no run is recorded."""
+    """Cells by whose median the level around a cell is known. Source: the median of as many exponential cells is known
+    to 14 % (1 / (ln 2 sqrt(100)))."""
     chance: float = 1e-4
-    """Probability by which the highest cell of a recording without a burst is as high. Chosen in 7383815; no run is
-    recorded."""
+    """Probability by which the highest cell of a recording without a burst is as high. Source: a level of significance;
+    all cells of all windows are counted."""
     grid: int = 240
     """Instants between which a burst's ends are sought. Chosen in 7383815; no run is recorded."""
     finer: int = 21
-    """Frequencies that are tried about the highest cell's. Chosen in 7383815; no run is recorded."""
+    """Frequencies that are tried about the highest cell's. Source: steps of a tenth of a cell; half of one takes 0.8 %
+    of a wave's power."""
     channel_share: float = 0.1
     """Share of the strongest channel's energy from which a channel is reported. Chosen in 7383815; no run is
     recorded."""
     odds: float = 1e3
-    """Odds against chance from which a channel is reported. Chosen in 7383815; no run is recorded."""
+    """Odds against chance from which a channel is reported. Source: a channel without the wave has an energy beyond ln
+    1000 by chance in one case of a thousand."""
 
 
 BURSTS = BurstsPolicy()
@@ -81,14 +91,17 @@ class LinesPolicy:
     """Frequencies that are tried for each that all rows distinguish. Source: chosen; a twelfth of one loses a fiftieth
     of the power."""
     max_order: float = 60.0
-    """Highest order of the rotation that is looked for. Chosen in 9535933; no run is recorded."""
+    """Highest order of the rotation that is looked for. Source: chosen; the teeth and rolling elements of what turns a
+    bench come some tens of times a turn."""
     largest_whole: int = 12
     """Whole orders up to this are harmonics of the toolface, which other effects and the scan stand for. Chosen in
     9535933; no run is recorded."""
     spare: float = 1.2
-    """Cells of a turn beyond what the highest order needs. Chosen in 9535933; no run is recorded."""
+    """Cells of a turn beyond what the highest order needs. Source: the sampling theorem needs two for the highest
+    order, which `2 max_order` gives; a fifth more for what is just above."""
     beside: float = 2.5
-    """Cells beside a whole order that belong to it. Chosen in 9535933; no run is recorded."""
+    """Cells beside a whole order that belong to it. Source: from there on the side lobes of a line (sinc squared) are
+    below 2 % of its power."""
     whole: float = 0.5
     """Cells off a whole order within which a line has that order. Source: half of what the rows can tell apart."""
     most_whole: int = 4
@@ -102,10 +115,11 @@ class LinesPolicy:
     """Height of a line beside that of the strongest, at least. Source: chosen; an error of the toolface makes two of
     like height, and leakage less than a hundredth."""
     least_order: float = 0.1
-    """Orders of the rotation below which nothing is looked for. Chosen in 96c27f5; no run is recorded."""
+    """Orders of the rotation below which nothing is looked for. Source: chosen; a wave of ten turns, and what is slower
+    has its own functions."""
     turns: int = 3
-    """Turns of a recording from which orders of the rotation can be distinguished. Chosen in 9535933; no run is
-    recorded."""
+    """Turns of a recording from which orders of the rotation can be distinguished. Source: a cell is an order over the
+    number of turns: three are the fewest that leave one between whole orders and their neighbours."""
 
 
 LINES_POLICY = LinesPolicy()
@@ -130,8 +144,8 @@ class MeansPolicy:
     """Proof of a rotation in means."""
 
     sectors: int = 12
-    """of a turn, by which the means of a stretch are taken: of the toolface, or of the phase of a line. Chosen in
-    207dc25; no run is recorded."""
+    """of a turn, by which the means of a stretch are taken: of the toolface, or of the phase of a line. Source: twelve
+    means know the orders of toolface up to five."""
 
 
 MEANS = MeansPolicy()
@@ -142,11 +156,13 @@ class PilotPolicy:
     """The pilot fit of a long recording."""
 
     many_rows: int = 30_000
-    """Rows; of a longer recording a subsample are diagnosed first. Chosen in 9535933; no run is recorded."""
+    """Rows; of a longer recording a subsample are diagnosed first. Source: a limit of time and memory: five
+    `pilot_rows`."""
     pilot_rows: int = 6_000
     """So many rows. Chosen in 90ef79c; no run is recorded."""
     neighbours: int = 400
-    """Rows of a stretch by which noise is distinguished from what is slow. Chosen in 75540fe; no run is recorded."""
+    """Rows of a stretch by which noise is distinguished from what is slow. Source: the mean of 400 rows has a twentieth
+    of a row's scatter."""
 
 
 PILOT = PilotPolicy()
@@ -157,7 +173,7 @@ class RotationSupportPolicy:
     """Ranges of a rotation's covariates."""
 
     fine_cells: int = 36
-    """Cells of the toolface in which a range is sought. Chosen in af2f195; no run is recorded."""
+    """Cells of the toolface in which a range is sought. Source: a definition: ten degrees each."""
     varies: float = 1e-3
     """In the covariate's unit: one that varies less has no ranges. Chosen in af2f195; no run is recorded."""
 

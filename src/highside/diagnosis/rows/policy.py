@@ -24,7 +24,7 @@ class BasesPolicy:
     rate_span: float = 0.02
     """Share of the largest rate; rates that differ by less are one. Chosen in 4048651; no run is recorded."""
     inclined_deg: float = 0.1
-    """deg; inclinations that differ by less are one. Chosen in 4048651; no run is recorded."""
+    """deg; inclinations that differ by less are one. Source: as `CausesPolicy.inclined_rad`, 0.002 rad."""
     ramps: float = 1e-6
     """1/s; change of the rate, in largest rates, from which there are ramps. Chosen in 4048651; no run is recorded."""
 
@@ -37,21 +37,24 @@ class DesignPolicy:
     """How columns of rows are found out."""
 
     probe: int = 400
-    """Rows, spread evenly, on which it is found out what a column is made of. Chosen in 4048651; no run is recorded."""
+    """Rows, spread evenly, on which it is found out what a column is made of. Source: chosen; what acts in 1 % of the
+    rows is missed with a chance of 0.99^400 = 1.8 %, and the ends are probed besides."""
     extremes: int = 4
     """Rows at each end of each covariate that are probed as well: a ramp of the rate may be rare. Chosen in 452637c; no
     run is recorded."""
     step_margin: float = 0.03
-    """Share of a recording at each end in which a step is not looked for. Chosen in 4048651; no run is recorded."""
+    """Share of a recording at each end in which a step is not looked for. Source: as `CandidatesPolicy.shortest`,
+    0.03."""
     nothing: float = 1e-12
-    """g or rad/s; a function that is smaller everywhere is none. Chosen in 4048651; no run is recorded."""
+    """g or rad/s; a function that is smaller everywhere is none. Source: a millionth of what a row of the quietest
+    sensor (1 ug) scatters by."""
     in_memory: int = 30_000
     """Rows up to which stored columns stay in memory. Source: 34 of them are 8 MB."""
     stored: int = 70
     """Columns that are stored, at most about. Source: 34 of a rotation of three channels, and as many for the gyros."""
     far: int = 1 << 40
-    """Numbers from which a function is a shared one, until its place is known: more than any design has. Chosen in
-    4048651; no run is recorded."""
+    """Numbers from which a function is a shared one, until its place is known: more than any design has. Source: a
+    definition: 2^40 numbers would be 8 TB, more than any memory; below 2^53 still exact in a double."""
 
 
 DESIGN = DesignPolicy()
@@ -62,20 +65,23 @@ class SpectrumPolicy:
     """The strongest line of a spectrum."""
 
     chance: float = 1e-3
-    """Probability by which the highest of all peaks of a spectrum without lines is as high. Chosen in 96c27f5; no run
-    is recorded."""
+    """Probability by which the highest of all peaks of a spectrum without lines is as high. Source: a level of
+    significance, usual: one recording of a thousand."""
     padded: int = 2
     """A spectrum is evaluated at so many times as many frequencies: a line between two of them would lose half its
-    power. Chosen in 207dc25; no run is recorded."""
+    power. Source: with twice the cells a line is off by a quarter of a cell at most and keeps 81 % of its power (sinc
+    squared), with one 41 %."""
     smooth: int = 101
-    """Independent cells of a spectrum by whose median the level around a cell is known. Chosen in 9535933; no run is
-    recorded."""
+    """Independent cells of a spectrum by whose median the level around a cell is known. Source: the median of as many
+    exponential cells is known to 14 % (1 / (ln 2 sqrt(101)))."""
     slowest: int = 12
     """Cycles in the recording: what is slower is drift. Chosen in 207dc25; no run is recorded."""
     about: float = 0.75
-    """Cells about a peak in which it is sought more finely. Chosen in 207dc25; no run is recorded."""
+    """Cells about a peak in which it is sought more finely. Source: half a cell of a spectrum that is padded twice is a
+    quarter; thrice this, as noise moves a peak."""
     finer: int = 31
-    """Frequencies that are tried there. Chosen in 207dc25; no run is recorded."""
+    """Frequencies that are tried there. Source: steps of a twentieth of a cell: half of one takes 0.2 % of a line's
+    power."""
 
 
 SPECTRUM = SpectrumPolicy()
@@ -86,7 +92,7 @@ class GramsPolicy:
     """Inner products of rows."""
 
     folds: int = 10
-    """Contiguous stretches, each predicted from the others. Chosen in 304904b; no run is recorded."""
+    """Contiguous stretches, each predicted from the others. Source: ten-fold cross-validation: Kohavi (IJCAI 1995)."""
     block_s: float = 0.5
     """s; blocks by whose means a random walk is observed, at most where a recording is short. Chosen in 304904b; no run
     is recorded."""
@@ -96,12 +102,13 @@ class GramsPolicy:
     25 rows, longer than its memory, left 13 of 16 nulls with an alarm (one a lever arm); blocks of 5 rows none of
     6."""
     max_blocks: int = 1000
-    """Blocks, at most: a long recording has longer ones. Chosen in 9e17400; no run is recorded."""
+    """Blocks, at most: a long recording has longer ones. Source: a limit of time: filters of blocks cost as their
+    number times columns squared."""
     flip_s: float = 3.0
     """s; rows whose signs are flipped together. Chosen in 304904b; no run is recorded."""
     random_walk_shares: tuple[float, ...] = (0.0, 1e-6, 4e-6, 1.6e-5, 6e-5, 2.5e-4, 1e-3, 4e-3, 0.016)
-    """Variance of a random walk's step from row to row in units of the white variance of a row. Chosen in 304904b; no
-    run is recorded."""
+    """Variance of a random walk's step from row to row in units of the white variance of a row. Source: a grid: each
+    four times the one before, twice in the scatter."""
     forgetful: tuple[tuple[float, tuple[float, ...]], ...] = (
         (0.5, (0.03, 0.1, 0.3, 1.0, 3.0)),
         (1.5, (0.03, 0.1, 0.3, 1.0, 3.0, 10.0)),
@@ -160,8 +167,8 @@ class JitterPolicy:
     """Sampling jitter."""
 
     certain: float = 30.0
-    """-2 log likelihood of all channels, gain from which jitter is named: unmodelled tails never reach it. Chosen in
-    6d48f80; no run is recorded."""
+    """-2 log likelihood of all channels, gain from which jitter is named: unmodelled tails never reach it. Source:
+    chi-square: beyond 30 by chance in 1.4e-6 with three channels, in 4e-5 with six."""
 
 
 JITTER = JitterPolicy()
@@ -187,29 +194,31 @@ class RowNoisePolicy:
     stretch: int = 4096
     """Rows whose draws of rounding are made together. Source: chosen; as many as are worked on at a time."""
     max_rows: int = 24_000
-    """Rows that the noise is learned from; of longer recordings, windows spread over all of it. Chosen in 304904b; no
-    run is recorded."""
+    """Rows that the noise is learned from; of longer recordings, windows spread over all of it. Source: a limit of
+    time: each coefficient of a filter is then known to 1 / sqrt(24000) = 0.006."""
     windows: int = 8
-    """Such windows. Chosen in 304904b; no run is recorded."""
+    """Such windows. Source: 3000 rows each at `max_rows`, more than a hundred lengths of the longest filter."""
     draws: int = 24
-    """Draws of white noise by which it is found out what projecting takes. Chosen in 304904b; no run is recorded."""
+    """Draws of white noise by which it is found out what projecting takes. Source: the mean square of 24 draws of a
+    thousand rows or more is known to 1 %."""
     variance_gain: float = 12.0
-    """-2 log likelihood, gain from which a dependence of the scatter is believed. Chosen in 304904b; no run is
-    recorded."""
+    """-2 log likelihood, gain from which a dependence of the scatter is believed. Source: chi-square of one degree of
+    freedom: beyond 12 by chance in 0.05 %."""
     scale_s: float = 8.0
     """s; time over which the size of the noise is averaged. Chosen in 304904b; no run is recorded."""
     impulse: float = 6.0
-    """Standard deviations from which a row is an impulse. Chosen in 304904b; no run is recorded."""
+    """Standard deviations from which a row is an impulse. Source: a normal law has 2e-9 beyond six of its standard
+    deviations: one in 20,000 recordings of 24,000 rows."""
     max_impulses: float = 2e-3
-    """A larger share of outlying rows is the shape of the noise, not impulses. Chosen in 304904b; no run is
-    recorded."""
+    """A larger share of outlying rows is the shape of the noise, not impulses. Source: Student's law of four degrees of
+    freedom has 0.27 % beyond six scatters: what is as heavy is a shape."""
     rounding: float = 1e-9
-    """No reading is taken to be more exact than this share of its size. Chosen in 96c27f5; no run is recorded."""
+    """No reading is taken to be more exact than this share of its size. Source: 30 bits, more than any converter's
+    effective number."""
     digits: float = 1e-4
-    """What is left of readings is evaluated to four digits: share of its size. Chosen in 3c741e3; no run is
-    recorded."""
+    """What is left of readings is evaluated to four digits: share of its size. Source: a definition: four digits."""
     least: float = 1e-15
-    """g or rad/s; no noise is smaller. Chosen in 304904b; no run is recorded."""
+    """g or rad/s; no noise is smaller. Source: rounding: below the double's 2.2e-16 of 1 g some ten times."""
     variance_turns: int = 6
     """Turns of the iterated fit of the variance. Chosen in 304904b; no run is recorded."""
     least_variance: float = 1e-3
@@ -217,10 +226,11 @@ class RowNoisePolicy:
     least_level: float = 1e-6
     """Squared scatters; least constant part of the variance. Chosen in 304904b; no run is recorded."""
     least_stretches: int = 4
-    """Stretches of `scale_s` from which a slow change can be detected. Chosen in 304904b; no run is recorded."""
+    """Stretches of `scale_s` from which a slow change can be detected. Source: chosen; a scatter of three degrees of
+    freedom."""
     slow_share: float = 0.5
-    """Share of the stretches' scatter beyond chance from which the size changes slowly. Chosen in 304904b; no run is
-    recorded."""
+    """Share of the stretches' scatter beyond chance from which the size changes slowly. Source: half: from where the
+    change is larger than what chance does to it."""
     quietest: float = 0.05
     """Share of the mean variance; no stretch is quieter. Source: studies.thresholds, 0.025 to 0.1."""
 
@@ -236,16 +246,17 @@ class RowPlacesPolicy:
     """Hz; below this a group of slow functions is judged by as many degrees of freedom as the band has. Chosen in
     9535933; no run is recorded."""
     rows: int = 20_000
-    """Rows by which intervals of a covariate are found. Chosen in 9535933; no run is recorded."""
+    """Rows by which intervals of a covariate are found. Source: a limit of time: an interval of 1 % of the range still
+    has 200 rows."""
     stretches: int = 4
-    """Stretches, spread over a long recording, that these rows are. Chosen in af2f195; no run is recorded."""
+    """Stretches, spread over a long recording, that these rows are. Source: chosen; 5000 rows each at `rows`."""
     least_seen: float = 0.1
     """Share, of what falls on so many rows of a long recording on the average, below which a function is too little in
     the windows that the noise was learned from for these to say what chance makes of it. Source: chosen; the
     threshold is 3.75 on 1e5, 1e6 and 2e7 rows, where it was 9, 63 and 300 (`python -m studies.giant_recording`)."""
     least_left: float = 0.1
-    """Share of the rows that a projection leaves, at least, when its loss is given back. Chosen in 9e17400; no run is
-    recorded."""
+    """Share of the rows that a projection leaves, at least, when its loss is given back. Source: a factor of ten at
+    most: beyond it what is left is not worth correcting."""
 
 
 ROW_PLACES = RowPlacesPolicy()
@@ -266,14 +277,15 @@ class RowSessionsPolicy:
     """Share by which a recording lasts longer than its rows, from which rows are missing. Source: a thinned recording
     lasts up to one row more, of a thousand at least."""
     rate_groups: int = 12
-    """Groups of steady rates, at most. Chosen in 4048651; no run is recorded."""
+    """Groups of steady rates, at most. Source: chosen; the designs have ten steady rates at most."""
     steady: float = 0.02
     """1/s; change of the rate, in spans of the rate, up to which it is steady. Chosen in 4048651; no run is
     recorded."""
     level: float = 0.02
     """Share of the largest rate within which rates are alike. Chosen in 4048651; no run is recorded."""
     least_share: float = 0.01
-    """Share of the rows from which a rate is one of the steady ones. Chosen in 4048651; no run is recorded."""
+    """Share of the rows from which a rate is one of the steady ones. Source: chosen; below one in a hundred a ramp's
+    rows, which pass through a rate, would be one."""
 
 
 ROW_SESSIONS = RowSessionsPolicy()

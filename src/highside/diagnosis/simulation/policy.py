@@ -70,10 +70,11 @@ class SimulationColumnsPolicy:
     """Columns beside a prediction."""
 
     nothing: float = 1e-12
-    """In the channel's unit: a column that is smaller everywhere is none. Chosen in 4048651; no run is recorded."""
+    """In the channel's unit: a column that is smaller everywhere is none. Source: rounding, as
+    `DesignPolicy.nothing`."""
     marginal: float = 3.0
-    """Standard deviations; an amplitude that at its largest plausible size adds less is left out. Chosen in f84f7d5; no
-    run is recorded."""
+    """Standard deviations; an amplitude that at its largest plausible size adds less is left out. Source: three
+    standard deviations, 0.27 % of a normal law."""
     time_waves: int = 8
     """Waves of time that are scanned. Chosen in 98cb144; no run is recorded."""
     line_band: float = 0.9
@@ -105,14 +106,16 @@ class SimulationIntakePolicy:
     near: float = 0.15
     """How near to a factor a slope must be, relative. Chosen in 98cb144; no run is recorded."""
     follows: float = 0.8
-    """Correlation from which a channel is taken to follow another. Chosen in 98cb144; no run is recorded."""
+    """Correlation from which a channel is taken to follow another. Source: half of a channel's variance and more (0.64)
+    is then the other's."""
     strange: float = 0.4
-    """Correlation below which a channel follows nothing. Chosen in 98cb144; no run is recorded."""
+    """Correlation below which a channel follows nothing. Source: less than a sixth of a channel's variance (0.16) is
+    then the other's."""
     prefix: float = 1e3
     """A step of unit prefixes. Source: a definition."""
     least_seconds: float = 4.0
-    """s; each second counts as one independent reading, and there are at least so many. Chosen in 98cb144; no run is
-    recorded."""
+    """s; each second counts as one independent reading, and there are at least so many. Source: a correlation needs
+    four independent pairs for a variance by Fisher's transformation, 1 / (n - 3)."""
 
 
 SIMULATION_INTAKE = SimulationIntakePolicy()
@@ -143,8 +146,8 @@ class SimulationChoicePolicy:
     most_named: int = 6
     """Claims, at most: there is no base to absorb the simple ones. Source: studies.thresholds, 3 to 12."""
     far: float = 3.0
-    """Standard deviations of a random walk's mean beyond which an offset is none. Chosen in d4bce32; no run is
-    recorded."""
+    """Standard deviations of a random walk's mean beyond which an offset is none. Source: three standard deviations,
+    0.27 % of a normal law."""
     least_named: float = 0.003
     """Of all that is explained, what an effect must explain to be more than a remainder. Source: studies.thresholds,
     0.0015 to 0.006."""
@@ -156,7 +159,7 @@ class SimulationChoicePolicy:
     leaves looks like a delay. Source: tests/unit/test_diagnosis_clock.py, a scale of 1 % beside an offset of 30 ms
     explains 0.3 %."""
     settled: float = 0.01
-    """Relative change of a delay that shows no more. Chosen in f84f7d5; no run is recorded."""
+    """Relative change of a delay that shows no more. Source: a definition: 1 % of a delay."""
     least_blocks: int = 6
     """Blocks of rows from which it is known how much a size varies between them. Source: four second differences."""
     median_of_squares: float = 0.4549
@@ -239,29 +242,31 @@ class SimulationSessionsPolicy:
     """Recording and prediction on one grid."""
 
     content: float = 0.999
-    """Share of the power of a prediction that lies below the frequency up to which it is compared. Chosen in 98cb144;
-    no run is recorded."""
+    """Share of the power of a prediction that lies below the frequency up to which it is compared. Source: a
+    definition: what is cut off is a thousandth of the power, 3 % of the size."""
     segment_s: float = 10.0
     """s; segments by which coherence is measured. Chosen in 98cb144; no run is recorded."""
     coherent: float = 0.3
-    """Mean coherence over an octave from which the two are taken to show the same. Chosen in 98cb144; no run is
-    recorded."""
+    """Mean coherence over an octave from which the two are taken to show the same. Source: over eight segments the
+    coherence of unrelated signals is 0.125, with a scatter of 0.11 in a cell: the mean of ten cells of an octave is 0.3
+    at five sigma."""
     per_band: float = 2.5
-    """Rows per period of that frequency. Chosen in 98cb144; no run is recorded."""
+    """Rows per period of that frequency. Source: the sampling theorem needs two; a quarter more for a filter's
+    slope."""
     least_rows: int = 600
     """Rows of the grid, at least. Chosen in 98cb144; no run is recorded."""
     most_rows: int = 60_000
     """Rows of the grid, at most. Chosen in 98cb144; no run is recorded."""
     gap_steps: float = 3.0
-    """Usual steps; a longer gap is left out. Chosen in 98cb144; no run is recorded."""
+    """Usual steps; a longer gap is left out. Source: two rows lost one after the other may be interpolated over."""
     warm_span_c: float = 0.2
     """degC; a temperature that changes by less says nothing. Chosen in 98cb144; no run is recorded."""
     band: float = 0.4
-    """Share of the grid's rate up to which both sides are passed: below one half, as filters are not steep. Chosen in
-    98cb144; no run is recorded."""
+    """Share of the grid's rate up to which both sides are passed: below one half, as filters are not steep. Source:
+    four fifths of the Nyquist frequency."""
     no_filter: float = 0.39
-    """Share of a side's own rate: where the band reaches it, no low-pass is needed. Chosen in 98cb144; no run is
-    recorded."""
+    """Share of a side's own rate: where the band reaches it, no low-pass is needed. Source: just below `band`, so that
+    the comparison of the two does not hang on rounding."""
     step_reach: int = 12
     """Periods of the band's edge to either side of a step beyond which its low-pass has settled. Source: the filter's
     slowest pole, of damping 0.38, has decayed to 1e-12."""
@@ -269,14 +274,18 @@ class SimulationSessionsPolicy:
     """Rows per such period in which the low-passed step is known. Source: straight lines between them are off by
     1e-4."""
     room_c: float = 25.0
-    """degC; taken where none was recorded. Chosen in 98cb144; no run is recorded."""
+    """degC; taken where none was recorded. Source: a convention: 25 degC, at which data sheets give a sensor's
+    figures."""
     copy: float = 1e-9
     """Share of a recorded channel (rms) that a prediction, scaled and offset, leaves of it if it is the recording
-    itself: two equal columns leave 1e-15, six written digits 1e-7. Chosen in afa23f0; no run is recorded."""
+    itself: two equal columns leave 1e-15, six written digits 1e-7. Source: a hundredth of what a file's six digits
+    leave, and far above the rounding of doubles."""
     segments: int = 8
-    """Segments, at least, by which coherence is measured. Chosen in 98cb144; no run is recorded."""
+    """Segments, at least, by which coherence is measured. Source: Welch's estimate: the coherence of two unrelated
+    signals over eight segments is 1/8 on the average."""
     constant: float = 1e-20
-    """Share of a prediction's power below which it is constant. Chosen in d4bce32; no run is recorded."""
+    """Share of a prediction's power below which it is constant. Source: rounding: a mean subtracted in doubles leaves
+    (2.2e-16)^2 = 5e-32 of its power, and the sums of a long recording some orders more."""
     apart: float = 0.01
     """Usual spacings; rows of a prediction nearer than this to one another are one. Source: of values that are rounded
     to 1e-4 of the motion, nearer ones say less of its slope than their neighbours."""
