@@ -32,7 +32,8 @@ class ChecksPolicy:
     """Between these factors a length is gravity in another unit. Source: 0.8 and 1/0.8: a length within the 25 % by
     which scale and bias of a sensor that works may change it."""
     away_g: float = 0.3
-    """g; a reading whose length is off by more counts against the unit. Chosen in 21ed34d; no run is recorded."""
+    """g; a reading whose length is off by more counts against the unit. Source: as the lower end of `gravity`, 1 -
+    0.7."""
     follows_g: float = 0.2
     """g; rms up to which readings follow the bench's angles. Source: studies.thresholds, 0.1 to 0.4."""
     off_g2: float = 0.04
@@ -77,12 +78,14 @@ class ClockPolicy:
     """Where more frames of a rotation are lost, the recording is not what it claims to be. Source:
     tests/unit/test_rotation_gaps.py, 10 to 30 % missing."""
     lost_few: float = 0.01
-    """Share of lost frames up to which nobody need look at the link. Chosen in b616c3f; no run is recorded."""
+    """Share of lost frames up to which nobody need look at the link. Source: chosen; a hundred times `stray`, what a
+    healthy link loses."""
     jitter: float = 0.02
     """Share of the usual spacing; spacings that scatter more say nothing of a clock. Source: studies.thresholds, 0.01
     to 0.04."""
     drift: float = 1e-3
-    """Change of the clock's rate over a recording that spoils it. Chosen in b616c3f; no run is recorded."""
+    """Change of the clock's rate over a recording that spoils it. Source: chosen; ten times `least_drift`: no quartz
+    does so."""
     alike: float = 0.6
     """Share of stops of one size from which a shorter one has lost rows. Source: studies.thresholds, 0.3 to 0.8."""
     look: int = 50
@@ -98,7 +101,8 @@ class ClockPolicy:
     """Usual spacings by which time must fall for the clock to have been set back. Source: halfway between no step and a
     whole row."""
     rarer: int = 10
-    """A clock set back is so many times as rare as a stray frame. Chosen in b616c3f; no run is recorded."""
+    """A clock set back is so many times as rare as a stray frame. Source: chosen; it changes the probability that is
+    reported, not whether it is."""
     exact: float = 1e-6
     """Share of the usual spacing; no clock is taken to scatter less. Source: studies.thresholds, 5e-07 to 2e-06."""
     step: float = 0.25
@@ -110,7 +114,8 @@ class ClockPolicy:
     parts: int = 20
     """Parts of a recording by whose medians the clock's drift is observed. Source: studies.thresholds, 10 to 40."""
     least_drift: float = 1e-4
-    """Change of the clock's rate that is reported. Chosen in b616c3f; no run is recorded."""
+    """Change of the clock's rate that is reported. Source: physics: a plain quartz stays within 100 ppm over its range
+    of temperature."""
     drift_jitters: int = 10
     """A drift is distinguished from one in so many of the spacings' scatter. Chosen in b616c3f; no run is recorded."""
     twice: float = 1.5

@@ -62,7 +62,8 @@ class BurstsPolicy:
     """Probability by which the highest cell of a recording without a burst is as high. Source: a level of significance;
     all cells of all windows are counted."""
     grid: int = 240
-    """Instants between which a burst's ends are sought. Chosen in 7383815; no run is recorded."""
+    """Instants between which a burst's ends are sought. Source: six for the shortest of the windows (0.025 of the
+    rows)."""
     finer: int = 21
     """Frequencies that are tried about the highest cell's. Source: steps of a tenth of a cell; half of one takes 0.8 %
     of a wave's power."""
@@ -118,8 +119,8 @@ class LinesPolicy:
     """Orders of the rotation below which nothing is looked for. Source: chosen; a wave of ten turns, and what is slower
     has its own functions."""
     turns: int = 3
-    """Turns of a recording from which orders of the rotation can be distinguished. Source: a cell is an order over the
-    number of turns: three are the fewest that leave one between whole orders and their neighbours."""
+    """Turns of a recording from which orders of the rotation can be distinguished. Source: chosen; a cell is then a
+    third of an order wide."""
 
 
 LINES_POLICY = LinesPolicy()
@@ -159,7 +160,7 @@ class PilotPolicy:
     """Rows; of a longer recording a subsample are diagnosed first. Source: a limit of time and memory: five
     `pilot_rows`."""
     pilot_rows: int = 6_000
-    """So many rows. Chosen in 90ef79c; no run is recorded."""
+    """So many rows. Source: a limit of time: a fifth of what is diagnosed whole."""
     neighbours: int = 400
     """Rows of a stretch by which noise is distinguished from what is slow. Source: the mean of 400 rows has a twentieth
     of a row's scatter."""

@@ -20,7 +20,7 @@ class BasesPolicy:
     time_waves: int = 12
     """Waves of time that are scanned. Chosen in 4048651; no run is recorded."""
     warm_span_c: float = 0.5
-    """degC; a temperature that changes by less says nothing. Chosen in 4048651; no run is recorded."""
+    """degC; a temperature that changes by less says nothing. Source: as `CandidatesPolicy.warm_span_c`."""
     rate_span: float = 0.02
     """Share of the largest rate; rates that differ by less are one. Chosen in 4048651; no run is recorded."""
     inclined_deg: float = 0.1
@@ -218,13 +218,15 @@ class RowNoisePolicy:
     digits: float = 1e-4
     """What is left of readings is evaluated to four digits: share of its size. Source: a definition: four digits."""
     least: float = 1e-15
-    """g or rad/s; no noise is smaller. Source: rounding: below the double's 2.2e-16 of 1 g some ten times."""
+    """g or rad/s; no noise is smaller. Source: rounding: five times that of a double of 1 g (2.2e-16)."""
     variance_turns: int = 6
     """Turns of the iterated fit of the variance. Chosen in 304904b; no run is recorded."""
     least_variance: float = 1e-3
-    """Share of the mean variance below which none is fitted. Chosen in 304904b; no run is recorded."""
+    """Share of the mean variance below which none is fitted. Source: chosen; 3 % of the scatter, which only keeps a
+    row's weight finite."""
     least_level: float = 1e-6
-    """Squared scatters; least constant part of the variance. Chosen in 304904b; no run is recorded."""
+    """Squared scatters; least constant part of the variance. Source: chosen; a thousandth of the scatter, which only
+    keeps a row's weight finite."""
     least_stretches: int = 4
     """Stretches of `scale_s` from which a slow change can be detected. Source: chosen; a scatter of three degrees of
     freedom."""

@@ -172,7 +172,7 @@ class SimulationChoicePolicy:
     full: int = 4
     """One in so many of a bin's rows must count. Source: studies.thresholds, 2 to 8."""
     quietest: float = 1e-3
-    """Share of the noisiest bin's noise; no row is quieter. Chosen in d4bce32; no run is recorded."""
+    """Share of the noisiest bin's noise; no row is quieter. Source: chosen; it only keeps a row's weight finite."""
     least_bins: int = 3
     """Bins of activity from which the noise is known to follow it. Source: studies.thresholds, 1 to 6."""
 
@@ -256,7 +256,7 @@ class SimulationSessionsPolicy:
     least_rows: int = 600
     """Rows of the grid, at least. Chosen in 98cb144; no run is recorded."""
     most_rows: int = 60_000
-    """Rows of the grid, at most. Chosen in 98cb144; no run is recorded."""
+    """Rows of the grid, at most. Source: a limit of time and memory: 20 minutes at 50 Hz."""
     gap_steps: float = 3.0
     """Usual steps; a longer gap is left out. Source: two rows lost one after the other may be interpolated over."""
     warm_span_c: float = 0.2
