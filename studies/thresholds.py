@@ -1,7 +1,7 @@
 """What the numbers that decide in a diagnosis decide: each halved and doubled, and the answers compared.
 
-    python -m studies.thresholds [--cases 3] [--most-s 3.0] [--field-s 60] [--only PREFIX] [--kind KIND]
-                                 [--judged] [--keep FILE] [--table FILE]
+    python -m studies.thresholds [--cases 3] [--most-s 3.0] [--field-s 60] [--at-once N] [--only PREFIX]
+                                 [--kind KIND] [--judged] [--keep FILE] [--table FILE]
 
 Every scalar field of every policy of `highside.diagnosis`, and every number of a tuple, is set to half and to twice its
 value (a whole number to the nearest one that differs; a share never beyond 1), one at a time, and recordings are
@@ -11,7 +11,9 @@ sessions of |g|, recordings beside another program's output; nulls, effects, law
 of the processor, three small error tables, and of slower ones those that alone read a field. Which fields a case reads
 is traced once, and a field is tried on those cases alone: on up to `--cases`, of different kinds and cheapest first, as
 far as `--field-s` seconds reach, and on one at least. An answer is its verdict and, of each claim, effect, place and
-covariates; sizes are not compared. `--judged`: only fields that have no other source yet.
+covariates; sizes are not compared. `--judged`: only fields that have no other source yet. `--at-once N`: of cases that
+take long, N fields are halved, then doubled together, and the group again in halves where the answer changes: an answer
+that stays says this of all of them, but that two changes undo each other is not excluded.
 
 Lines are kept in `--keep` as they come (JSON), so that an interrupted run goes on; `--table` writes what
 `studies/thresholds.md` holds. No answer is called right here, and recordings that are answered with a margin say little
@@ -281,6 +283,32 @@ def _tried(field: Field, value: float, cases: Sequence[Known]) -> dict[str, Any]
         return {"value": value, "changed": [one.case.name for one in cases if answer(one.case) != one.answer]}
 
 
+def together(fields: Sequence[Field], known: Known) -> list[dict[str, Any]]:
+    """The rows of several fields, all halved, then all doubled at once; in halves where the answer changes."""
+    rows: list[dict[str, Any]] = [
+        {"field": one.name, "value": one.value, "cases": [known.case.name], "tried": [], "at_once": 1} for one in fields
+    ]
+    by_name = {one["field"]: one for one in rows}
+
+    def settle(group: Sequence[tuple[Field, float]]) -> None:
+        with contextlib.ExitStack() as stack:
+            for field, value in group:
+                stack.enter_context(replaced(field, value))
+            changed = answer(known.case) != known.answer
+        if changed and len(group) > 1:
+            settle(group[: len(group) // 2])
+            settle(group[len(group) // 2 :])
+            return
+        for field, value in group:
+            row = by_name[field.name]
+            row["tried"].append({"value": value, "changed": [known.case.name] if changed else []})
+            row["at_once"] = max(row["at_once"], len(group))
+
+    for factor in FACTORS:
+        settle([(one, value) for one in fields if (value := one.times(factor)) is not None])
+    return rows
+
+
 def table(rows: Sequence[dict[str, Any]]) -> str:
     """Markdown: fields that change an answer first."""
     lines = ["| field | value | recordings that read it | halved: answers changed | doubled |", "|---|---|---|---|---|"]
@@ -294,10 +322,27 @@ def table(rows: Sequence[dict[str, Any]]) -> str:
     most = sorted(rows, key=lambda one: (-sum(len(t["changed"]) for t in one["tried"]), one["field"]))
     for one in most:
         if one["cases"]:
-            row = (f"`{one['field']}`", f"{one['value']:.4g}", str(len(one["cases"])), change(one, 0), change(one, 1))
+            others = one.get("at_once", 1) - 1
+            cases = f"{one['cases'][0]}, with {others} others at once" if others else str(len(one["cases"]))
+            row = (f"`{one['field']}`", f"{one['value']:.4g}", cases, change(one, 0), change(one, 1))
             lines.append(f"| {' | '.join(row)} |")
     unread = [one["field"] for one in rows if not one["cases"]]
     return "\n".join([*lines, "", "Read by none of these recordings: " + (", ".join(unread) or "none") + ".", ""])
+
+
+def one_by_one(fields: Sequence[Field], known: Sequence[Known], given: argparse.Namespace) -> Iterator[dict[str, Any]]:
+    for field in fields:
+        yield row(field, chosen(field.name, known, given.cases, given.field_s))
+
+
+def at_once(fields: Sequence[Field], known: Sequence[Known], most: int) -> Iterator[dict[str, Any]]:
+    """Rows of the fields that some case reads, in groups on the cheapest case that reads them."""
+    left = list(fields)
+    for one in known:
+        own = [field for field in left if field.name in one.names]
+        left = [field for field in left if field.name not in one.names]
+        for first in range(0, len(own), most):
+            yield from together(own[first : first + most], one)
 
 
 def main() -> None:
@@ -305,6 +350,7 @@ def main() -> None:
     parser.add_argument("--cases", type=int, default=3)
     parser.add_argument("--most-s", type=float, default=3.0)
     parser.add_argument("--field-s", type=float, default=60.0, help="seconds of the processor for a field, about")
+    parser.add_argument("--at-once", type=int, default=0, help="so many fields together, for cases that take long")
     parser.add_argument("--only", default="", help="fields whose name begins so")
     parser.add_argument("--kind", default="", help="cases whose kind begins so: poses, rotation, hand, beside, table")
     parser.add_argument("--judged", action="store_true", help="only fields without another source")
@@ -320,15 +366,15 @@ def main() -> None:
     kept = [json.loads(line) for line in given.keep.read_text().splitlines()] if given.keep.exists() else []
     done = {one["field"] for one in kept}
     if any(one.name not in done for one in fields):
-        deck = [*tables(), *smallest(equal_diagnoses.cases(), given.cases)]
+        deck: list[Case | ErrorTable] = [*tables(), *smallest(equal_diagnoses.cases(), given.cases)]
         known = measured([case for case in deck if _kind(case).startswith(given.kind)], fields, given.most_s)
         print(f"{len(known)} cases, {sum(one.cost_s for one in known):.1f} s together; {len(fields)} fields")
-        for field in fields:
-            if field.name not in done:
-                kept.append(row(field, chosen(field.name, known, given.cases, given.field_s)))
-                with given.keep.open("a") as file:
-                    print(json.dumps(kept[-1]), file=file)
-                print(table(kept[-1:]).splitlines()[2], flush=True)
+        left = [one for one in fields if one.name not in done]
+        for made in at_once(left, known, given.at_once) if given.at_once else one_by_one(left, known, given):
+            kept.append(made)
+            with given.keep.open("a") as file:
+                print(json.dumps(made), file=file)
+            print(table([made]).splitlines()[2], flush=True)
     if given.table:
         names = [one.name for one in fields]
         given.table.write_text(table([one for one in kept if one["field"] in names]))
