@@ -12,6 +12,7 @@ import pytest
 
 import highside.diagnosis
 from highside.diagnosis.table.policy import TABLE_FITS
+from studies import thresholds
 from studies.threshold_sources import JUDGED, documented, end, ranges, rewritten
 from studies.thresholds import policies, read_fields, replaced
 
@@ -155,6 +156,16 @@ def test_a_number_of_a_tuple_is_scanned_by_itself_and_put_back() -> None:
         assert TABLE_FITS.noise_range_g == (1e-6, 1.0)
     assert names == {field.name}
     assert TABLE_FITS.noise_range_g == (1e-6, 5e-3)
+
+
+def test_of_fields_that_are_tried_at_once_the_one_that_decides_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    low, high = (one for one in policies() if one.name.startswith("table:TABLE_FITS.noise_range_g["))
+    monkeypatch.setattr(thresholds, "answer", lambda case: ["quiet" if TABLE_FITS.noise_range_g[1] < 4e-3 else "loud"])
+    known = thresholds.Known(thresholds.ErrorTable("a table", {}), ["loud"], set(), 0.0)
+    quieter, louder = thresholds.together([low, high], known)
+    assert [one["changed"] for one in quieter["tried"]] == [[], []]
+    assert [one["changed"] for one in louder["tried"]] == [["a table"], []]
+    assert "| a table, with 1 others at once | 1 (0.0025) | 0 (0.01) |" in thresholds.table([louder])
 
 
 def test_a_range_reaches_as_far_as_a_value_was_tried_and_changed_nothing() -> None:
