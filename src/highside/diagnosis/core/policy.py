@@ -387,7 +387,7 @@ class SupportPolicy:
     cells: int = 24
     """Cells of a covariate that is not stepped. Source: a definition: 15 deg of a turn each."""
     windows: int = 3
-    """Windows of one mismatch. Chosen in 541f29c; no run is recorded."""
+    """Windows of one mismatch. Source: studies.thresholds, 1 to 6."""
     ridge: float = 1e-7
     """Share of a cell's energy added to it, so that cells alike can be solved for. Source: above the rounding of inner
     products, 1.5e-8 (the square root of double precision's)."""

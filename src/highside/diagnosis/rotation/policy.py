@@ -54,7 +54,7 @@ class BurstsPolicy:
     """Rows of a window, at least. Source: 61 cells from `first_cell` on: their median is known to 18 % (1 / (ln 2
     sqrt(61)), for exponential cells)."""
     first_cell: int = 3
-    """What is slower than this in a window is drift: cycles. Chosen in 7383815; no run is recorded."""
+    """What is slower than this in a window is drift: cycles. Source: studies.thresholds, 1 to 6."""
     neighbours: int = 100
     """Cells by whose median the level around a cell is known. Source: the median of as many exponential cells is known
     to 14 % (1 / (ln 2 sqrt(100)))."""
@@ -95,8 +95,8 @@ class LinesPolicy:
     """Highest order of the rotation that is looked for. Source: chosen; the teeth and rolling elements of what turns a
     bench come some tens of times a turn."""
     largest_whole: int = 12
-    """Whole orders up to this are harmonics of the toolface, which other effects and the scan stand for. Chosen in
-    9535933; no run is recorded."""
+    """Whole orders up to this are harmonics of the toolface, which other effects and the scan stand for. Source:
+    studies.thresholds, 6 to 24."""
     spare: float = 1.2
     """Cells of a turn beyond what the highest order needs. Source: the sampling theorem needs two for the highest
     order, which `2 max_order` gives; a fifth more for what is just above."""
@@ -176,7 +176,7 @@ class RotationSupportPolicy:
     fine_cells: int = 36
     """Cells of the toolface in which a range is sought. Source: a definition: ten degrees each."""
     varies: float = 1e-3
-    """In the covariate's unit: one that varies less has no ranges. Chosen in af2f195; no run is recorded."""
+    """In the covariate's unit: one that varies less has no ranges. Source: studies.thresholds, 0.0005 to 0.002."""
 
 
 ROTATION_SUPPORT = RotationSupportPolicy()

@@ -16,17 +16,18 @@ class BasesPolicy:
     """Functions of covariates for rows."""
 
     harmonics: int = 8
-    """Highest order of the toolface that is scanned. Chosen in 21ed34d; no run is recorded."""
+    """Highest order of the toolface that is scanned. Source: studies.thresholds, 4 to 16."""
     time_waves: int = 12
-    """Waves of time that are scanned. Chosen in 4048651; no run is recorded."""
+    """Waves of time that are scanned. Source: studies.thresholds, 6 to 24."""
     warm_span_c: float = 0.5
     """degC; a temperature that changes by less says nothing. Source: as `CandidatesPolicy.warm_span_c`."""
     rate_span: float = 0.02
-    """Share of the largest rate; rates that differ by less are one. Chosen in 4048651; no run is recorded."""
+    """Share of the largest rate; rates that differ by less are one. Source: studies.thresholds, 0.01 to 0.04."""
     inclined_deg: float = 0.1
     """deg; inclinations that differ by less are one. Source: as `CausesPolicy.inclined_rad`, 0.002 rad."""
     ramps: float = 1e-6
-    """1/s; change of the rate, in largest rates, from which there are ramps. Chosen in 4048651; no run is recorded."""
+    """1/s; change of the rate, in largest rates, from which there are ramps. Source: studies.thresholds, 5e-07 to
+    2e-06."""
 
 
 BASES = BasesPolicy()
@@ -40,8 +41,8 @@ class DesignPolicy:
     """Rows, spread evenly, on which it is found out what a column is made of. Source: chosen; what acts in 1 % of the
     rows is missed with a chance of 0.99^400 = 1.8 %, and the ends are probed besides."""
     extremes: int = 4
-    """Rows at each end of each covariate that are probed as well: a ramp of the rate may be rare. Chosen in 452637c; no
-    run is recorded."""
+    """Rows at each end of each covariate that are probed as well: a ramp of the rate may be rare. Source:
+    studies.thresholds, 2 to 8."""
     step_margin: float = 0.03
     """Share of a recording at each end in which a step is not looked for. Source: as `CandidatesPolicy.shortest`,
     0.03."""
@@ -75,7 +76,7 @@ class SpectrumPolicy:
     """Independent cells of a spectrum by whose median the level around a cell is known. Source: the median of as many
     exponential cells is known to 14 % (1 / (ln 2 sqrt(101)))."""
     slowest: int = 12
-    """Cycles in the recording: what is slower is drift. Chosen in 207dc25; no run is recorded."""
+    """Cycles in the recording: what is slower is drift. Source: studies.thresholds, 6 to 24."""
     about: float = 0.75
     """Cells about a peak in which it is sought more finely. Source: half a cell of a spectrum that is padded twice is a
     quarter; thrice this, as noise moves a peak."""
@@ -94,8 +95,8 @@ class GramsPolicy:
     folds: int = 10
     """Contiguous stretches, each predicted from the others. Source: ten-fold cross-validation: Kohavi (IJCAI 1995)."""
     block_s: float = 0.5
-    """s; blocks by whose means a random walk is observed, at most where a recording is short. Chosen in 304904b; no run
-    is recorded."""
+    """s; blocks by whose means a random walk is observed, at most where a recording is short. Source:
+    studies.thresholds, 0.25 to 1."""
     block_rows: int = 5
     """Rows of such a block, where that is shorter. Source: white noise with AR(1) noise of 0.95 beside it, as large,
     1,500 rows of 50 Hz: the projection takes what is slow of it, the filter has 1 to 3 terms, and levels in blocks of
@@ -105,7 +106,7 @@ class GramsPolicy:
     """Blocks, at most: a long recording has longer ones. Source: a limit of time: filters of blocks cost as their
     number times columns squared."""
     flip_s: float = 3.0
-    """s; rows whose signs are flipped together. Chosen in 304904b; no run is recorded."""
+    """s; rows whose signs are flipped together. Source: studies.thresholds, 1.5 to 6."""
     random_walk_shares: tuple[float, ...] = (0.0, 1e-6, 4e-6, 1.6e-5, 6e-5, 2.5e-4, 1e-3, 4e-3, 0.016)
     """Variance of a random walk's step from row to row in units of the white variance of a row. Source: a grid: each
     four times the one before, twice in the scatter."""
@@ -190,7 +191,7 @@ class RowNoisePolicy:
     spectrum: int = 16384
     """Lags of the circle on which a filter is taken back. Source: chosen; ten times the memory of a pole at 0.995."""
     max_order: int = 16
-    """Terms of a channel's filter, at most. Chosen in 304904b; no run is recorded."""
+    """Terms of a channel's filter, at most. Source: studies.thresholds, 8 to 32."""
     stretch: int = 4096
     """Rows whose draws of rounding are made together. Source: chosen; as many as are worked on at a time."""
     max_rows: int = 24_000
@@ -205,7 +206,7 @@ class RowNoisePolicy:
     """-2 log likelihood, gain from which a dependence of the scatter is believed. Source: chi-square of one degree of
     freedom: beyond 12 by chance in 0.05 %."""
     scale_s: float = 8.0
-    """s; time over which the size of the noise is averaged. Chosen in 304904b; no run is recorded."""
+    """s; time over which the size of the noise is averaged. Source: studies.thresholds, 4 to 16."""
     impulse: float = 6.0
     """Standard deviations from which a row is an impulse. Source: a normal law has 2e-9 beyond six of its standard
     deviations: one in 20,000 recordings of 24,000 rows."""
@@ -220,7 +221,7 @@ class RowNoisePolicy:
     least: float = 1e-15
     """g or rad/s; no noise is smaller. Source: rounding: five times that of a double of 1 g (2.2e-16)."""
     variance_turns: int = 6
-    """Turns of the iterated fit of the variance. Chosen in 304904b; no run is recorded."""
+    """Turns of the iterated fit of the variance. Source: studies.thresholds, 3 to 12."""
     least_variance: float = 1e-3
     """Share of the mean variance below which none is fitted. Source: chosen; 3 % of the scatter, which only keeps a
     row's weight finite."""
@@ -245,8 +246,8 @@ class RowPlacesPolicy:
     """Where rows are looked at."""
 
     slow_band_hz: float = 0.23
-    """Hz; below this a group of slow functions is judged by as many degrees of freedom as the band has. Chosen in
-    9535933; no run is recorded."""
+    """Hz; below this a group of slow functions is judged by as many degrees of freedom as the band has. Source:
+    studies.thresholds, 0.115 to 0.46."""
     rows: int = 20_000
     """Rows by which intervals of a covariate are found. Source: a limit of time: an interval of 1 % of the range still
     has 200 rows."""
@@ -274,17 +275,18 @@ class RowSessionsPolicy:
     sample_stretches: int = 16
     """Stretches that these are. Source: chosen; as many as a rate or a temperature has levels."""
     min_rows: int = 1000
-    """Fewer rows are too short a stretch for a noise with memory to be known. Chosen in 4048651; no run is recorded."""
+    """Fewer rows are too short a stretch for a noise with memory to be known. Source: studies.thresholds, 500 to
+    1000."""
     missing: float = 1e-3
     """Share by which a recording lasts longer than its rows, from which rows are missing. Source: a thinned recording
     lasts up to one row more, of a thousand at least."""
     rate_groups: int = 12
     """Groups of steady rates, at most. Source: chosen; the designs have ten steady rates at most."""
     steady: float = 0.02
-    """1/s; change of the rate, in spans of the rate, up to which it is steady. Chosen in 4048651; no run is
-    recorded."""
+    """1/s; change of the rate, in spans of the rate, up to which it is steady. Source: studies.thresholds, 0.01 to
+    0.04."""
     level: float = 0.02
-    """Share of the largest rate within which rates are alike. Chosen in 4048651; no run is recorded."""
+    """Share of the largest rate within which rates are alike. Source: studies.thresholds, 0.01 to 0.04."""
     least_share: float = 0.01
     """Share of the rows from which a rate is one of the steady ones. Source: chosen; below one in a hundred a ramp's
     rows, which pass through a rate, would be one."""

@@ -76,7 +76,7 @@ class SimulationColumnsPolicy:
     """Standard deviations; an amplitude that at its largest plausible size adds less is left out. Source: three
     standard deviations, 0.27 % of a normal law."""
     time_waves: int = 8
-    """Waves of time that are scanned. Chosen in 98cb144; no run is recorded."""
+    """Waves of time that are scanned. Source: studies.thresholds, 4 to 16."""
     line_band: float = 0.9
     """Share of the band compared below which lines are looked for. Source: the low-pass leaves 0.70 of the power there,
     which is given back; a heavy-tailed null (studies/simulation_honesty.py, seed 5012) had a line at 0.87 of it by its
@@ -104,7 +104,7 @@ class SimulationIntakePolicy:
     """Is a prediction of the same things?"""
 
     near: float = 0.15
-    """How near to a factor a slope must be, relative. Chosen in 98cb144; no run is recorded."""
+    """How near to a factor a slope must be, relative. Source: studies.thresholds, 0.075 to 0.3."""
     follows: float = 0.8
     """Correlation from which a channel is taken to follow another. Source: half of a channel's variance and more (0.64)
     is then the other's."""
@@ -245,7 +245,7 @@ class SimulationSessionsPolicy:
     """Share of the power of a prediction that lies below the frequency up to which it is compared. Source: a
     definition: what is cut off is a thousandth of the power, 3 % of the size."""
     segment_s: float = 10.0
-    """s; segments by which coherence is measured. Chosen in 98cb144; no run is recorded."""
+    """s; segments by which coherence is measured. Source: studies.thresholds, 5 to 20."""
     coherent: float = 0.3
     """Mean coherence over an octave from which the two are taken to show the same. Source: over eight segments the
     coherence of unrelated signals is 0.125, with a scatter of 0.11 in a cell: the mean of ten cells of an octave is 0.3
@@ -254,13 +254,13 @@ class SimulationSessionsPolicy:
     """Rows per period of that frequency. Source: the sampling theorem needs two; a quarter more for a filter's
     slope."""
     least_rows: int = 600
-    """Rows of the grid, at least. Chosen in 98cb144; no run is recorded."""
+    """Rows of the grid, at least. Source: studies.thresholds, 300 to 1200."""
     most_rows: int = 60_000
     """Rows of the grid, at most. Source: a limit of time and memory: 20 minutes at 50 Hz."""
     gap_steps: float = 3.0
     """Usual steps; a longer gap is left out. Source: two rows lost one after the other may be interpolated over."""
     warm_span_c: float = 0.2
-    """degC; a temperature that changes by less says nothing. Chosen in 98cb144; no run is recorded."""
+    """degC; a temperature that changes by less says nothing. Source: studies.thresholds, 0.1 to 0.4."""
     band: float = 0.4
     """Share of the grid's rate up to which both sides are passed: below one half, as filters are not steep. Source:
     four fifths of the Nyquist frequency."""
@@ -290,7 +290,7 @@ class SimulationSessionsPolicy:
     """Usual spacings; rows of a prediction nearer than this to one another are one. Source: of values that are rounded
     to 1e-4 of the motion, nearer ones say less of its slope than their neighbours."""
     least_side: int = 150
-    """Rows of either side, at least. Chosen in 98cb144; no run is recorded."""
+    """Rows of either side, at least. Source: studies.thresholds, 75 to 300."""
 
 
 SIMULATION_SESSIONS = SimulationSessionsPolicy()
