@@ -4,18 +4,25 @@ from __future__ import annotations
 
 import json
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from highside.config.rig import WitsItem
+from highside.config.settings import validate
 from highside.config.watch import WatchSettings
 from highside.errors import Refused
+from highside.service.damage import DamageLog
 from highside.service.messages import PAYLOADS
-from highside.service.saved_watch import Numbers, SavedWatch
+from highside.service.rig.wits import Latest, record
+from highside.service.saved_drift import Stamp
+from highside.service.saved_watch import Numbers, SavedWatch, read, write
 from highside.service.watch_history import POINTS, SPAN_S, history
+from highside.service.watch_keeper import WatchKeeper, WatchParts
 from highside.service.watch_messages import WatchHistory
-from highside.service.watch_stage import Watched, WatchStage
+from highside.service.watch_stage import VERDICTS, Watched, WatchStage
 from highside.watch.parameters import CALIBRATION, NAMES
 from highside.web.tools.state import PAYLOAD_MAX, History, Tools
 from highside.web.tools.views import Broker, tool_page
@@ -33,6 +40,32 @@ def kept_state() -> SavedWatch:
 def a_stage() -> WatchStage:
     """As `watch_stage()`, whose sums are made once."""
     return watch_stage(kept_state())
+
+
+def test_what_nobody_watches_any_more_is_told_to_no_rig(tmp_path: Path) -> None:
+    """A reload with `enabled = false`, or to no record: the last verdict was sent on for ever."""
+    settings = validate({"tool": {"id": "t1"}, "link": {"kind": "simulated"}, "codec": {"name": "tool"}}, where="x")
+    parts = WatchParts(settings, a_stage())
+    keeper = WatchKeeper(tmp_path, lambda *_: None, lambda _: lambda _: None, lambda: parts, DamageLog())
+    latest = Latest(watch=keeper.figures)
+    items = (WitsItem(code="0740", value="watch_verdict"),)
+    keeper.publish()
+    assert dict(record(items, latest, 0.0, 30.0)) == {"0740": f"{float(VERDICTS.index(a_stage().said.verdict)):.2f}"}
+    parts = WatchParts(settings, None)
+    keeper.took_over()
+    assert not record(items, latest, 0.0, 30.0)
+    parts = WatchParts(settings, a_stage())
+    keeper.took_over()
+    keeper.publish()
+    assert [code for code, _ in record(items, latest, 0.0, 30.0)] == ["0740"]
+
+
+@pytest.mark.parametrize("t_s", [1e300, -1.0])
+def test_a_state_whose_own_time_is_none_is_refused(t_s: float, tmp_path: Path) -> None:
+    path, stamp = tmp_path / "watch.json", Stamp.now(synced=True)
+    write(path, "t1", stamp, {}, kept_state().model_copy(update={"t_s": t_s}))
+    with pytest.raises(Refused, match=r"is no saved watch: state\.t_s"):
+        read(path, "t1", stamp)
 
 
 def with_trace(stage: WatchStage, times: np.ndarray) -> WatchStage:

@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 
 import highside
+import studies.watch_means
 from highside.arrays import Array
 from highside.report.watch_page import page_of
 from highside.watch import POLICY, STATED, Still, Watch
 from highside.watch.axis_noise import AxisNoise, scatters
-from highside.watch.hold import noise_evidence
+from highside.watch.hold import Hold, noise_evidence
 from highside.watch.parameters import prior
 from highside.watch.words import noise_words
 from studies.survey_analysis import calibration
@@ -170,6 +171,39 @@ def test_while_noise_and_a_departure_are_not_told_apart_that_is_said_and_outlive
             again.still(Still(600.0 * k, f + np.array([1e-3, 0.0, 0.0]), 1e-5, 20.0))
     assert again.alarm_s == whole.alarm_s is not None
     assert again.result().claims[0].parameters == whole.result().claims[0].parameters
+
+
+def test_a_step_in_means_alone_is_said_within_two_hours_of_surveys() -> None:
+    """0.3 mg, a survey each half hour: what it leaves is noise as expected, which noise of no size does.
+    The evidence that the best hypothesis had by chance before is no reason to wait longer."""
+    said = [studies.watch_means.run(1000 * seed, 1800.0, (), 3e-4) for seed in range(90_000, 90_010)]
+    assert all(one.named for one in said)
+    assert sum(one.after is not None and one.after <= 4 for one in said) >= 8
+
+
+@pytest.mark.parametrize(
+    ("squares", "explained", "over", "found"),
+    [
+        (80.0, 76.0, True, "departure"),  # what the departure leaves is noise as expected
+        (83.0, 53.4, True, "noise"),  # above the threshold, but noise of the best size explains it better
+        (70.0, 40.0, False, "noise"),  # the same below the threshold: an alarm would follow with the next odd mean
+        (44.0, 36.0, False, "neither"),  # the likelier of the two is below the threshold yet
+        (12.0, 3.0, False, "neither"),
+    ],
+)
+def test_at_the_end_of_the_wait_the_likelier_is_taken(squares: float, explained: float, over: bool, found: str) -> None:
+    hold = Hold(a_watch().memory(), 1.0)
+    for _ in range(POLICY.jump_wait):
+        hold.add(Still(0.0, np.array([0.0, 0.0, 1.0]), 1e-5), np.sqrt([squares / POLICY.jump_wait]))
+    assert hold.judged(explained, POLICY, over=over) == found
+
+
+def test_one_mean_far_off_is_waited_with_whatever_explains_it() -> None:
+    hold = Hold(a_watch().memory(), 1.0)
+    for k in range(POLICY.jump_fewest):
+        hold.add(Still(0.0, np.array([0.0, 0.0, 1.0]), 1e-5), np.array([30.0 * (k == 0)]))
+        found = hold.judged(900.0, POLICY, over=True)
+        assert found == ("departure" if k == POLICY.jump_fewest - 1 else "undecided")
 
 
 @pytest.mark.parametrize("damage", ["held", "noise_rests", "noise_changed", "jump"])

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from highside.report.document import Page
 from highside.report.plots import can_plot, new_figure, plotting
 from highside.watch.parameters import CALIBRATION, INDEX
-from highside.watch.result import AttitudeError, Deviation, WatchClaim, WatchResult
+from highside.watch.result import AttitudeError, Deviation, NotObservable, WatchClaim, WatchResult
 from highside.watch.words import noise_words
 
 if TYPE_CHECKING:
@@ -24,6 +24,16 @@ COLOURS = ("#2f7fd1", "#d9822b", "#3d9a50")
 _RED = "#c23b3b"
 NO_FIGURES = "without figures, since matplotlib is not installed (pip install 'highside[plot]')"
 MOST_POINTS = 2000
+READABLE: Mapping[str, tuple[float, str]] = {
+    "g": (1e3, "mg"),
+    "g/g": (1e3, "mg/g"),
+    "g/degC": (1e6, "µg/degC"),
+    "g/g^2": (1e3, "mg/g^2"),
+    "g/g per km or h": (1e6, "µg/g per km or h"),
+    "m": (1e3, "mm"),
+    "rad": (1e3, "mrad"),
+}
+"""unit of a parameter: in which it is shown, three decimals, and by what factor"""
 PANELS = (
     ("offsets, mg", ("b_x", "b_y", "b_z")),
     ("scales, mg/g", ("S_xx", "S_yy", "S_zz")),
@@ -50,7 +60,8 @@ def claim_words(claim: WatchClaim) -> str:
     alike = f" (or {', '.join(rest)}: not told apart)" if rest else ""
     return (
         f"{name} {factor * size.value:+.3g} +- {1.96 * factor * size.std:.2g} {unit}{alike} since {claim.since_s:.0f} s"
-        f" ({claim.since_low_s:.0f} to {claim.since_high_s:.0f}); {error_words(claim.error)}"
+        f" ({claim.since_low_s:.0f} to {claim.since_high_s:.0f} s; {claim.since_s / 3600.0:.2f} h);"
+        f" {error_words(claim.error)}"
     )
 
 
@@ -123,7 +134,7 @@ def add_found(
     )
     if found.not_observable:
         page.heading("Not observable so far")
-        page.bullets([f"{one.parameter}: {one.why}" for one in found.not_observable])
+        page.bullets(_unseen(found.not_observable))
 
 
 def _facts(found: WatchResult) -> list[tuple[str, str]]:
@@ -142,7 +153,7 @@ def _facts(found: WatchResult) -> list[tuple[str, str]]:
                 "Would not have been seen",
                 f"an error here of up to {unseen.inc_deg:.3f} deg of inclination and {unseen.tf_sin_inc_deg:.3f} deg of"
                 f" toolface times sin I (3 standard deviations of what the hole alone says); the record states"
-                f" {stated.inc_deg:.4f} and {stated.tf_sin_inc_deg:.4f} (1)",
+                f" {stated.inc_deg:.4f} and {stated.tf_sin_inc_deg:.4f} deg (1 standard deviation)",
             )
         ]
     grown = ", grown: thresholds stand wider" if found.noise_grown else ""
@@ -150,13 +161,22 @@ def _facts(found: WatchResult) -> list[tuple[str, str]]:
     return rows
 
 
+def _unseen(found: Sequence[NotObservable]) -> list[str]:
+    """One line a reason, with all parameters that it keeps from sight."""
+    names: dict[str, list[str]] = {}
+    for one in found:
+        names.setdefault(one.why, []).append(one.parameter)
+    return [f"{', '.join(of)}: {why}" for why, of in names.items()]
+
+
 def _row(name: str, one: Deviation) -> list[str]:
+    factor, unit = READABLE.get(one.unit, (1.0, one.unit))
     return [
         name,
-        f"{one.value:+.3g}",
-        f"{one.std:.2g}",
-        f"{one.stated_std:.2g}",
-        one.unit,
+        f"{factor * one.value:+.3f}",
+        f"{factor * one.std:.3f}",
+        f"{factor * one.stated_std:.3f}",
+        unit,
         "yes" if one.observable else "no",
     ]
 

@@ -97,7 +97,7 @@ class SavedWatch(Strict):
     layout: str
     gravity: float
     """in units of the corrected readings"""
-    t_s: float
+    t_s: Annotated[float, Field(ge=0, le=1e10)]
     t_device_s: float | None
     calmest_g: float | None
     calmest_s: float

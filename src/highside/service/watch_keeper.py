@@ -189,6 +189,9 @@ class WatchKeeper:
 
     def took_over(self) -> None:
         """Other parts are in force."""
+        if self.stage is None:
+            # a rig would be told for ever what nobody watches any more
+            self.figures.clear()
         self._say_what_began()
         self._changed()
 

@@ -149,6 +149,8 @@ class Bank:
         self._since = np.zeros(len(first))
         self._information = np.zeros(len(first))
         self._score = np.zeros(len(first))
+        self._since_mark = np.zeros((2, len(first)))
+        """information and score since `mark`"""
         self._first = len(first)
         self.begun = False
 
@@ -174,6 +176,7 @@ class Bank:
             ("_since", np.full(width, t_s)),
             ("_information", np.zeros(width)),
             ("_score", np.zeros(width)),
+            ("_since_mark", np.zeros((2, width))),
         ):
             held = getattr(self, name)
             if drop is not None:
@@ -193,9 +196,23 @@ class Bank:
         """What one measurement says of all."""
         seen = update.H @ self._D
         signature = np.linalg.solve(update.root, seen)
-        self._information += np.einsum("mc,mc->c", signature, signature)
-        self._score += update.innovations @ signature
+        information, score = np.einsum("mc,mc->c", signature, signature), update.innovations @ signature
+        self._information += information
+        self._score += score
+        self._since_mark += np.stack([information, score])
         self._D -= update.gain @ seen
+
+    def mark(self) -> None:
+        """From the next measurement on `explained` counts."""
+        self._since_mark = np.zeros((2, self._of.size))
+
+    def explained(self) -> float:
+        """By how much the best hypothesis lessens the sum of squares of the innovations since `mark`: of those within
+        `WatchPolicy.same_class` of the best of all, each with the size that all it has seen gives it."""
+        ratio, size = self._ratios()
+        near = (ratio > 0.0) & (ratio >= ratio.max(initial=0.0) - self._policy.same_class)
+        information, score = self._since_mark[:, near]
+        return float((2.0 * size[near] * score - size[near] ** 2 * information).max(initial=0.0))
 
     def memory(self) -> dict[str, Array]:
         """All it has gathered, in numbers: for `recall`."""
@@ -226,6 +243,7 @@ class Bank:
         self._D = memory["D"].copy()
         self._since = memory["since"].copy()
         self._information, self._score = memory["information"].copy(), memory["score"].copy()
+        self.mark()
         self.begun = onsets > 0
 
     def best(self) -> list[Scored]:

@@ -1,19 +1,23 @@
 """Measurements that scatter so much that they alone do not tell whether noise has grown or something departs.
 
 One number far from what was expected is as likely under noise that has grown as under a step. So the watch goes on with
-it, keeps what it knew before, and waits for those that follow. A step explains all of them by one size; noise leaves
-them scattered. With the sum of squares `Q` of `n` whitened innovations and the part `E` of it that the best departure
-explains, `(Q - E) / Q` has under noise of any size alone a beta distribution with `(n - 1) / 2` and `1 / 2`: the F test
-of one coefficient at an unknown variance. Twice the log-likelihood ratio of noise of the best size is
-`Q - n - n ln(Q / n)`.
+it, keeps what it knew before, and waits for those that follow: a step explains all of them by one size and leaves the
+noise that was expected, noise leaves them scattered. The two are rivals. With the sum of squares `Q` of `n` whitened
+innovations and what the best departure leaves of it, `R`, twice the log-likelihood ratio of the departure against noise
+of the best size is
+
+    n + n ln(Q / n) - R.
+
+Under noise of any size the ratio of a given departure passes `1 / p` with a probability of `p` at most, however often
+one looks (Ville's inequality), and noise of the best size is a stronger rival than noise as it is.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
-from scipy.special import betainc
 
 from highside.arrays import Array
 from highside.watch.measurement import Still, Turning
@@ -22,6 +26,8 @@ from highside.watch.policy import WatchPolicy
 
 __all__ = ["Hold", "noise_evidence"]
 
+Judgement = Literal["noise", "departure", "neither", "undecided"]
+"""`neither`: those that followed were as expected, or nothing is above the threshold after all"""
 STILL_WIDTH = 9
 """a rest as it is kept: time, mean (3), its standard deviation, temperature, depth, and whether these two are known"""
 
@@ -35,10 +41,10 @@ def noise_evidence(squares: float, numbers: int) -> float:
 
 @dataclass
 class Hold:
-    """What was known `before` the first of them, the `evidence` of the best departure then, and what was `taken`."""
+    """What was known `before` the first of them, and what was `taken`. `explained`: by how much the best departure
+    lessens the sum of squares of these alone (`Bank.explained`): evidence of before says nothing of their noise."""
 
     before: WatchMemory
-    evidence: float
     level: float
     """of the noise, with which they were expected"""
     taken: list[Still | Turning] = field(default_factory=list)
@@ -56,27 +62,24 @@ class Hold:
         """Of the noise to the stated one, if it is noise."""
         return self.level * float(np.sqrt(self.squares / max(self.numbers, 1)))
 
-    def departs(self, evidence: float, policy: WatchPolicy) -> bool:
-        """Whether noise alone, of whatever size, would hardly look so much like a departure."""
-        if self.numbers < 2:
-            return False
-        # noise does not fall below the expected
-        left = max(self.squares - (evidence - self.evidence), self.numbers - 1.0)
-        chance = float(betainc(0.5 * (self.numbers - 1), 0.5, min(left / max(self.squares, left), 1.0)))
-        return chance < policy.jump_chance
+    def of_departure(self, explained: float) -> float:
+        """Twice the log-likelihood ratio of the best departure, under noise as it was expected, against noise of the
+        best size and no departure."""
+        # a departure that was found among many leaves less than its noise
+        left = max(self.squares - explained, self.numbers - 1.0)
+        return self.squares - left - noise_evidence(self.squares, self.numbers)
 
-    def is_noise(self, evidence: float, policy: WatchPolicy) -> bool:
-        """Whether noise that has grown explains it, and better than any departure."""
-        of_noise = noise_evidence(self.squares, self.numbers)
-        return len(self.taken) > 1 and of_noise - max(evidence - self.evidence, 0.0) > policy.same_class
-
-    def has_faded(self, policy: WatchPolicy) -> bool:
-        """Whether those that followed were as expected."""
-        return noise_evidence(self.squares, self.numbers) < 0.5 * policy.jump
-
-    def is_over(self, policy: WatchPolicy) -> bool:
-        """Whether so many were waited for that it is judged as it is."""
-        return len(self.taken) >= policy.jump_wait
+    def judged(self, explained: float, policy: WatchPolicy, *, over: bool) -> Judgement:
+        """What is known by now; `over`: the evidence of a departure is above the threshold."""
+        of_departure, ends = self.of_departure(explained), len(self.taken) >= policy.jump_wait
+        if over and self.numbers >= policy.jump_fewest and of_departure > -2.0 * np.log(policy.jump_chance):
+            return "departure"
+        if noise_evidence(self.squares, self.numbers) < 0.5 * policy.jump:
+            return "neither"
+        # at the end the likelier of the two; what would be said to depart must have shown it
+        if len(self.taken) > 1 and (-of_departure > policy.same_class or (ends and (over or of_departure < 0.0))):
+            return "noise"
+        return "neither" if ends else "undecided"
 
     def rests(self) -> Array | None:
         """(K, `STILL_WIDTH`) to be kept; None where rotation is among them: then what was taken stands."""

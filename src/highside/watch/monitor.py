@@ -250,7 +250,8 @@ class Watch:
             linear = linear_turning(one, around, self._noise, level)
         y, H, self._f, self._at_rest, share = linear
         if waits and self._hold is None and self._alarm_s is None and self._is_odd(y, H):
-            self._hold = Hold(self._now(), self._bank.largest(), level)
+            self._hold = Hold(self._now(), level)
+            self._bank.mark()
         update = self._filter.take(y, H)
         self._alone.take(y, H)
         self._bank.take(update)
@@ -274,16 +275,15 @@ class Watch:
         over, hold = evidence > self._threshold(), self._hold
         if hold is not None:
             hold.add(one, innovations)
-            if hold.is_noise(evidence, self._policy):
+            found = hold.judged(self._bank.explained(), self._policy, over=over)
+            if found != "undecided":
                 self._hold = None
+            if found == "noise":
                 self.recall(self._before(hold))
                 self._level.jumped(hold.scale)
                 for taken in hold.taken:
                     self._measure(taken, waits=False)
-                return
-            over = over and (hold.departs(evidence, self._policy) or hold.is_over(self._policy))
-            if over or hold.is_over(self._policy) or hold.has_faded(self._policy):
-                self._hold = None
+            over = found == "departure"
         if over:
             self._alarm_s = one.t_s
 

@@ -101,10 +101,14 @@ class WatchPolicy:
     """twice the log-likelihood ratio of noise that has grown, of one measurement, from which the next ones must tell
     whether it is noise or a departure: one number beyond 4 standard deviations, in one of 15,000 by chance"""
     jump_chance: float = 1e-3
-    """that noise of any size alone looks so much like one departure (`watch.hold`). There are some ten directions and a
-    few looks: of 100 series one or two"""
+    """that noise of any size alone looks so much like one given departure (`watch.hold`): twice the log-likelihood
+    ratio against noise must pass -2 ln of it, 13.8. There are some ten directions, and their sizes are free: how often
+    some departure passes is what `studies.watch_means` counts"""
+    jump_fewest: int = 4
+    """numbers of which that is judged: one of ten directions, its size and its onset explain three of anything nearly
+    as well"""
     jump_wait: int = 8
-    """measurements waited for; then the likelier of the two is taken"""
+    """measurements waited for; what has not passed as a departure by then is taken for noise"""
     walk: float = 1.3
     """random walk, in units of the stated one, that stated standard deviations allow for: innovations hardly show it.
     Set on 200 wells each (first seed 91000): with the stated walk, 1.5 times it, and 1.5 times it with noise 1.4 times

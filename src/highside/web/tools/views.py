@@ -358,7 +358,7 @@ def _thousandths(value: float, std: float) -> str:
 
 
 def _thousandth(unit: str) -> str:
-    return f"m{unit}" if unit.startswith("g") else f"10⁻³ {unit}"
+    return f"m{unit}" if unit in ("m", "rad") or unit.startswith("g") else f"10⁻³ {unit}"
 
 
 def _departures(tool: ToolState) -> list[str]:

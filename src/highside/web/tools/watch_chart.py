@@ -25,6 +25,8 @@ DASHES = ("solid", "dashed", "dotted")
 TOPS = (6, 30, 54, 78)
 HEIGHT = 17
 """of a panel, in percent of the picture"""
+LEAST_EVIDENCE = 1.0
+"""shown: evidence grows to thousands, the threshold is 36, and both are to be seen"""
 
 
 def watch_chart(history: History) -> dict[str, Any]:
@@ -72,8 +74,7 @@ def watch_chart(history: History) -> dict[str, Any]:
         "yAxis": [
             {
                 "gridIndex": k,
-                "type": "value",
-                "scale": True,
+                **({"type": "log", "min": LEAST_EVIDENCE} if k == count - 1 else {"type": "value", "scale": True}),
                 "name": label,
                 "nameLocation": "middle",
                 "nameGap": 44,
@@ -151,7 +152,7 @@ def _evidence(k: int, history: History) -> list[dict[str, Any]]:
         place
         | {
             "name": _("evidence"),
-            "data": _broken(history, history.evidence),
+            "data": _broken(history, [None if v is None else max(v, LEAST_EVIDENCE) for v in history.evidence]),
             "itemStyle": {"color": COLOURS[0]},
         },
         place

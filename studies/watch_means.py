@@ -1,0 +1,146 @@
+"""The watch over means at rest whose rows nobody kept (surveys): noise that jumps against an offset that steps.
+
+Rests in all attitudes, one mean each with noise of 14 ug of its length, a tool whose offsets, matrix and gravity are
+off by what its record and class allow, with the random walk of its class. In the middle of the series either the noise
+grows (`WAYS`) and nothing departs, or one offset steps and the noise stays. The bound is of the same rests: the first
+at which size x sqrt(information) reaches the square root of the threshold and `WatchPolicy.power`, by a filter that
+follows no noise.
+
+    python -m studies.watch_means --series 40 --first-seed 71000
+    python -m studies.watch_means --series 40 --first-seed 72000 --apart-min 30
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from highside.arrays import Array
+from highside.watch import POLICY, STATED, Still, Watch
+from highside.watch.parameters import GRAVITY, prior
+
+RESTS, FROM = 200, 100
+READ_G = 1e-5
+"""of a mean by its own rows, beside the floor of the class"""
+WAYS: dict[str, Sequence[float]] = {
+    **{f"{times} times": [times] * (RESTS - FROM) for times in (2, 3, 4, 6, 10, 30)},
+    "6 times, 12 rests": [6] * 12,
+    "6 times, 3 rests": [6] * 3,
+    "30 times, one rest": [30],
+}
+"""by how much the noise grows, rest by rest from `FROM` on; as it was afterwards"""
+STEPS_G = 1e-4, 1.5e-4, 2e-4, 3e-4, 5e-4, 1e-3, 3e-3
+BAR_H, BAR_TIMES = 2.0, 1.5
+"""a departure is to be found within that many hours, or that many times what the bound needs"""
+UNFOLLOWED = replace(POLICY, jump=np.inf, scale_from=10**9)
+"""noise is as stated, whatever is seen"""
+
+
+@dataclass(frozen=True)
+class Said:
+    """Of one series: whether something departs, whether that was said before anything happened, and that noise has
+    grown; of a step: rests from the first that has it until the alarm (0: that one) and until the bound; whether the
+    truth is in the class at the alarm."""
+
+    departs: bool
+    early: bool
+    grown: bool
+    after: int | None = None
+    bound: int | None = None
+    named: bool = False
+
+
+def run(seed: int, apart_s: float, noise: Sequence[float] = (), step_g: float = 0.0) -> Said:
+    """One series."""
+    rng = np.random.default_rng(seed)
+    stated = prior(np.eye(12) * 1e-10, 1e-6, 20.0, STATED, POLICY)
+    watch, bound = Watch(stated), Watch(stated, policy=UNFOLLOWED)
+    truth = np.sqrt(np.diag(stated.covariance)) * rng.standard_normal(len(stated.covariance))
+    walk = np.sqrt(np.diag(stated.process_noise) * apart_s / 3600.0)
+    axis = int(rng.integers(3))
+    size, name = step_g * float(rng.choice([-1.0, 1.0])), f"b_{'xyz'[axis]}"
+    need = np.sqrt(POLICY.threshold) + POLICY.power
+    early, after, reached, named = False, None, None, False
+    for k in range(RESTS):
+        truth = truth + walk * rng.standard_normal(truth.size)
+        truth[axis] += size * (k == FROM)
+        times = noise[k - FROM] if 0 <= k - FROM < len(noise) else 1.0
+        one = _rest(apart_s * k, truth, times, rng)
+        if after is None:
+            watch.still(one)
+            if watch.alarm_s is not None:
+                early, after = k < FROM, k - FROM
+                named = name in watch.result().claims[0].equivalence_class
+        if step_g and reached is None:
+            bound.still(one)
+            if k >= FROM and abs(size) * np.sqrt(bound.information_of(name, FROM * apart_s)) >= need:
+                reached = k - FROM
+        if early or (after is not None and (reached is not None or not step_g)):
+            break
+    return Said(after is not None, early, watch.result().noise_grown, after, reached, named)
+
+
+def _rest(t_s: float, truth: Array, times: float, rng: np.random.Generator) -> Still:
+    """A mean in any attitude."""
+    f = rng.standard_normal(3)
+    f /= np.linalg.norm(f)
+    read = (np.eye(3) + truth[3:12].reshape(3, 3)) @ f * (1.0 + truth[GRAVITY]) + truth[:3]
+    noise = times * np.hypot(READ_G, STATED.still_floor_g) * rng.standard_normal()
+    return Still(t_s, read + noise * f, READ_G, 20.0)
+
+
+def _print_noise(word: str, found: list[Said]) -> None:
+    false = sum(one.departs for one in found)
+    grown = sum(one.grown for one in found)
+    print(f"| {word} | {false} of {len(found)} | {grown} of {len(found)} |", flush=True)
+
+
+def _print_step(size: float, apart_s: float, found: list[Said]) -> None:
+    judged = [one for one in found if not one.early]
+    got = [one.after for one in judged if one.after is not None]
+    within = [one for one in judged if one.bound is not None]
+    late = [one for one in within if _is_late(one, apart_s)]
+    say = ", ".join(f"{np.quantile(got, q):.0f}" for q in (0.5, 0.95, 1.0)) if got else "none"
+    bound = np.median([one.bound for one in within if one.bound is not None]) if within else np.nan
+    print(
+        f"| {1e3 * size:g} mg | {len(found) - len(judged)} | {len(got)} of {len(judged)} | {say} | {bound:.0f} |"
+        f" {len(within) - len(late)} of {len(within)} | {sum(one.named for one in judged)} of {len(got)} |",
+        flush=True,
+    )
+
+
+def _is_late(one: Said, apart_s: float) -> bool:
+    """Whether it was not found in the time of the bar."""
+    assert one.bound is not None
+    return one.after is None or one.after * apart_s > max(BAR_TIMES * one.bound * apart_s, BAR_H * 3600.0)
+
+
+def main() -> None:
+    """Print both tables as Markdown."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--series", type=int, default=40, help="of each row")
+    parser.add_argument("--first-seed", type=int, default=71_000)
+    parser.add_argument("--apart-min", type=float, default=10.0, help="from one rest to the next")
+    parser.add_argument("--only", choices=["noise", "step"], help="one of the tables")
+    args = parser.parse_args()
+    apart_s, seeds = 60.0 * args.apart_min, range(args.first_seed, args.first_seed + args.series)
+    if args.only != "step":
+        print("| noise | departs: false | noise grown, said |\n|---|---|---|")
+        all_of = []
+        for k, (word, noise) in enumerate(WAYS.items()):
+            found = [run(1000 * seed + k, apart_s, noise) for seed in seeds]
+            _print_noise(word, found)
+            all_of += found
+        _print_noise("all", all_of)
+    if args.only != "noise":
+        print("| step | alarms before it | found | rests until the alarm: 50, 95, 100 % | bound | in time | in class |")
+        print("|---|---|---|---|---|---|---|")
+        for k, size in enumerate(STEPS_G):
+            _print_step(size, apart_s, [run(1000 * seed + 100 + k, apart_s, (), size) for seed in seeds])
+
+
+if __name__ == "__main__":
+    main()
