@@ -113,7 +113,7 @@ class TableVerdictPolicy:
     no_scatter_rad: float = 1e-7
     """rad; a scatter that is none. Source: a tenth of the least scatter that is tried."""
     of_means: float = 0.1
-    """Share of what a term moves that must be means. Chosen in b616c3f; no run is recorded."""
+    """Share of what a term moves that must be means. Source: studies.thresholds, 0.05 to 0.2."""
 
 
 TABLE_VERDICT = TableVerdictPolicy()
@@ -132,7 +132,7 @@ class ExplainingPolicy:
     progress: float = 0.7
     """Share of the work done by the first search. For a bar of progress alone. Source: no answer depends on it."""
     lost: int = 5
-    """One in so many rows may stay unexplained. Chosen in 9b9d783; no run is recorded."""
+    """One in so many rows may stay unexplained. Source: studies.thresholds, 2 to 10."""
 
 
 EXPLAINING = ExplainingPolicy()
@@ -162,16 +162,16 @@ class TableFitsPolicy:
     """Amplitudes at once: more fit anything that forty numbers can say. Source: ten of forty cells for each, the rule
     of thumb of regression (Harrell, Regression Modeling Strategies: 10 to 20 observations for a parameter)."""
     ridge: float = 0.01
-    """Share of a cell's variance added to it: draws leave their covariance uncertain. Chosen in 92037d6; no run is
-    recorded."""
+    """Share of a cell's variance added to it: draws leave their covariance uncertain. Source: studies.thresholds, 0.005
+    to 0.02."""
     start_tau_rad: float = 3e-4
-    """rad; scatter beyond chance from which a fit starts. Chosen in 11b284e; no run is recorded."""
+    """rad; scatter beyond chance from which a fit starts. Source: studies.thresholds, 0.00015 to 0.0006."""
     first_steps: int = 4
-    """Steps from each of several starts. Chosen in b616c3f; no run is recorded."""
+    """Steps from each of several starts. Source: studies.thresholds, 2 to 8."""
     guess: float = 0.7
-    """Typical sizes from which a new amplitude starts. Chosen in b616c3f; no run is recorded."""
+    """Typical sizes from which a new amplitude starts. Source: studies.thresholds, 0.35 to 0.85."""
     steps: int = 12
-    """Steps of a fit, at most. Chosen in 5709bc0; no run is recorded."""
+    """Steps of a fit, at most. Source: a limit of time."""
     damping: float = 1e-3
     """Damping of the first step, of the diagonal. Source: Press et al., Numerical Recipes: Levenberg's and Marquardt's
     method begins at 0.001."""
@@ -204,7 +204,7 @@ class InstrumentPolicy:
     """Chi-square that an effect of few amplitudes needs to be detected with 80 % probability. Source: noncentral
     chi-square of 20: beyond `SearchPolicy.step` and ln 40, 12.7, in 82 % with one amplitude."""
     probe: float = 0.3
-    """Typical sizes by which the cells' change with an effect is known. Chosen in b616c3f; no run is recorded."""
+    """Typical sizes by which the cells' change with an effect is known. Source: studies.thresholds, 0.15 to 0.6."""
     draws: int = 200
     """Draws of chance by which another table is predicted. Source: a standard deviation from 200 draws is known to 5 %
     (1 / sqrt(400))."""
@@ -322,8 +322,8 @@ class SearchPolicy:
     """Deviance by which a rival set must be better. Source: `TableFitsPolicy.settled`: a fit ends within that of its
     best."""
     going_on: float = 0.5
-    """Steps by which the best set of a round must be better for the search to go on. Chosen in 11b284e; no run is
-    recorded."""
+    """Steps by which the best set of a round must be better for the search to go on. Source: studies.thresholds, 0.25
+    to 1."""
 
 
 SEARCH = SearchPolicy()
