@@ -303,3 +303,30 @@ def test_without_a_broker_it_starts_and_says_so() -> None:
             return said  # type: ignore[no-any-return]
 
     assert asyncio.run(seen()) == {"broker": {"connected": False, "reason": "no broker"}, "tools": []}
+
+
+async def test_the_tool_in_space_is_drawn_at_each_size_of_the_window(mosquitto: Mosquitto) -> None:
+    """Drawn again before a change of size is seen, and as high as it was: its canvas stood on a line of text, which
+    added six points to it at each change."""
+    drawn_at_once = """async () => {
+      const canvas = document.querySelector('.scene canvas'), sizes = [];
+      for (let k = 0; k < 12; k++) {
+        dispatchEvent(new Event('resize'));
+        await new Promise(requestAnimationFrame);
+        sizes.push(canvas.toDataURL().length);
+      }
+      return [sizes, canvas.height];
+    }"""
+    async with serve("--set", f"mqtt.port={mosquitto.port}") as (address, _), chromium() as browser:
+        page = await browser.new_page(viewport={"width": 1400, "height": 900})
+        async with tool(mosquitto.port, "tool-7"):
+            await page.goto(f"{address}tool/tool-7")
+            await page.wait_for_selector(".scene:not([data-initializing]) canvas")
+            await page.wait_for_timeout(1_000)
+            for width in (320, 1920):
+                await page.set_viewport_size({"width": width, "height": 900})
+                await page.wait_for_timeout(300)
+                high = await page.evaluate("document.querySelector('.scene canvas').height")
+                sizes, after = await page.evaluate(drawn_at_once)
+                # a picture of nothing is a few hundred letters
+                assert after == high and min(sizes) > max(sizes) / 2 > 2_000, (width, high, after, sizes)

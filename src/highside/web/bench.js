@@ -80,13 +80,6 @@ window.highside = (() => {
     }
     button.disabled = false;
   });
-  // a picture in three dimensions is empty after a change of size until it is drawn again: draw it before that is seen
-  addEventListener("resize", () => requestAnimationFrame(() => {
-    for (const { id } of document.querySelectorAll(".scene")) {
-      const drawn = window.getElement?.(id.slice(1));
-      drawn?.renderer?.render(drawn.scene, drawn.camera);
-    }
-  }));
   setInterval(() => { if (performance.now() - heard > SILENT_MS) document.body.classList.add("lost"); }, 500);
   // What is behind an open dialog is inert: no key, click or screen reader gets there. A dialog comes as a child of
   // the body of its own, and is modal while it is shown; who closes it is where he was before.

@@ -32,6 +32,7 @@ from highside.web.front import of_our_origin
 from highside.web.host import PageHost
 from highside.web.page import BenchView, Shared
 from highside.web.plain import form_of
+from highside.web.space import REDRAWN
 from highside.web.words import _, told
 from highside.words.errors import error_told
 
@@ -102,7 +103,7 @@ class BenchPage:
         client, commands = self._host.admit(request)
         ui.add_css(_STYLE)
         ui.page_title(_("Bench: %(tool)s") % {"tool": self._driver.snapshot().tool})
-        ui.add_head_html('<script src="/bench.js"></script>')
+        ui.add_head_html(f'<script src="/bench.js"></script>{REDRAWN}')
         view = BenchView(
             self._driver,
             self._shared,

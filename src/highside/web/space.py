@@ -12,6 +12,16 @@ if TYPE_CHECKING:
 
 Matrix = list[list[float]]
 
+REDRAWN = """<script>
+  // a picture in three dimensions is empty after a change of size until it is drawn again: draw it before that is seen
+  addEventListener("resize", () => requestAnimationFrame(() => {
+    for (const { id } of document.querySelectorAll(".scene")) {
+      const drawn = window.getElement?.(id.slice(1));
+      drawn?.renderer?.render(drawn.scene, drawn.camera);
+    }
+  }));
+</script>"""
+"""For the head of a page that draws one: a window that is drawn wider sends a change of size for each step of it."""
 LENGTH, RADIUS = 3.0, 0.28
 """Of the tool in the picture, in units of its scene."""
 PAPER = "#dfe6ec"

@@ -37,6 +37,7 @@ from highside.web.records.routes import RecordPages
 from highside.web.settings.routes import BODY_MAX as SETTINGS_BODY_MAX
 from highside.web.settings.routes import BODY_WITHIN_S as SETTINGS_BODY_WITHIN_S
 from highside.web.settings.routes import SettingsPages
+from highside.web.space import REDRAWN
 from highside.web.tools.listener import Listener
 from highside.web.tools.orders import OrderPages
 from highside.web.tools.pages import ListView, Shown, ToolView, follow
@@ -147,6 +148,7 @@ class ToolsPage:
     async def _tool(self, request: Request, tool: str) -> None:
         client, _commands = self._host.admit(request)
         ui.add_css(_STYLE)
+        ui.add_head_html(REDRAWN)
         ui.page_title(tool)
         view = ToolView(self._shown, self._tools.tools[tool])
         background_tasks.create(follow(view, client, self._settings.web.rate_hz), name=f"viewer {client.id}")
