@@ -34,7 +34,7 @@ WORD = re.compile(r"[^\W\d_]{3,}")
 NAMES = re.compile(
     # of the tool, of people and files, of what the tests say in place of a session, of methods and quantities
     r"\b(tool|bench|simulated|six|toml|state|tcp|min|sqrt|Gtotal|UTC|highside|Technician|Operator|joint|conventional"
-    r"|recording|csv|jiont|bias|step|all|up|ready|sigma|MB|deg|north|began|from|the|record|departs"
+    r"|recording|csv|jiont|bias|step|all|up|ready|sigma|MB|deg|north"
     # what the operating system says of a port
     r"|ttyUSB0 is gone)\b"
 )

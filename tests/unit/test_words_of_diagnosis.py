@@ -1,5 +1,5 @@
-"""What a diagnosis says of one recording is told in the reader's language: every sentence in the sources of the
-diagnosis is known to the catalogue, which a language in brackets shows, and parameters have names."""
+"""What a diagnosis says of one recording, and a watch of a tool, is told in the reader's language: every sentence in
+their sources is known to the catalogue, which a language in brackets shows, and parameters have names."""
 
 from __future__ import annotations
 
@@ -31,6 +31,7 @@ from highside.report.diagnosis_hints import CELLS, check_name, hint
 from highside.report.diagnosis_page import page_of
 from highside.report.parameter_names import OF_EFFECTS, TITLES, parameter_name
 from highside.words import LANGUAGES, catalogue, in_language
+from highside.words.marked import in_words
 from tests.brackets import put_in_brackets
 
 SOURCES = Path(catalogue.__file__).parents[1] / "diagnosis"
@@ -56,6 +57,16 @@ PARTS = (
     # of remarks on a comparison with another program's output, which its alignment says
     "one clock: ", "each file has its own zero of time", "s compared, 7 rows/s",
 )  # fmt: skip
+
+
+PARTS_OF_WATCH = {
+    "the last measurement is", "the last 7 measurements are", "7 far from what was expected: noise that has grown, or a"
+    " departure; take two or three rests more, which tell it, and trust no survey before",
+    " Near horizontal b_z and S_zz stay out of sight: a still at another inclination is needed.",
+    "7 times", "7 7 times",
+    # a line of the command and of the log
+    "noise of 7 has 7: at rest 7 scatter 7 times what they did (7 mg), since 7 s, in 7 rests",
+}  # fmt: skip
 
 
 def written(node: ast.expr) -> str | None:
@@ -120,6 +131,19 @@ def test_every_sentence_of_the_diagnosis_is_known() -> None:
             if re.search(r"[^\W\d_]{3,}", outside(str(hint(text))))
         }
     assert unknown == set(), "list them in words.sentences_of_diagnosis, make words, then translate"
+
+
+@pytest.mark.usefixtures("brackets")
+def test_every_sentence_of_the_watch_is_known() -> None:
+    tree = ast.parse((SOURCES.parent / "watch" / "words.py").read_text(encoding="utf-8"))
+    said = {text.replace("seen.7", "seen.") for text in texts(tree)} - PARTS_OF_WATCH | {"learning", "holds", "departs"}
+    for name in ("watch_keeper", "watch_stage"):
+        tree = ast.parse((SOURCES.parent / "service" / f"{name}.py").read_text(encoding="utf-8"))
+        said |= {text for text in texts(tree) if text.startswith("began")}
+    assert len(said) > 25
+    with in_language("de"):
+        assert {text for text in said if in_words(text, of="watch")[:1] != "⟦"} == set()
+        assert "lang=" in in_words("a reason that nobody has translated", of="watch")
 
 
 @pytest.mark.parametrize("language", OTHERS)

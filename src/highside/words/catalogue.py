@@ -16,6 +16,7 @@ from typing import Any
 from highside.words.said import Said
 from highside.words.sentences import SENTENCES
 from highside.words.sentences_of_diagnosis import DIAGNOSIS
+from highside.words.sentences_of_watch import WATCH
 
 LANGUAGES = {"en": "English", "de": "Deutsch", "nb": "Norsk", "es": "Español"}
 """by their ISO 639 codes, each in its own word"""
@@ -88,10 +89,10 @@ def told(text: str, of: str = "") -> str:
     return text if len(text) > TOLD_MAX else _told(text, language(), NESTED_MAX, of)
 
 
-LISTS = {"": (), "diagnosis": DIAGNOSIS}
+LISTS = {"": (), "diagnosis": DIAGNOSIS, "watch": WATCH}
 """Sentences that are known beside `SENTENCES`, by what is told."""
 _JOINTS = ("; ", ": ", " and ", ", ")
-"""Between the sentences, and in the listings, of a diagnosis."""
+"""Between the sentences, and in the listings, of a diagnosis or a watch."""
 
 
 def _value(value: Any) -> Any:

@@ -29,7 +29,8 @@ from highside.web.tools.state import (
     text,
     texts,
 )
-from highside.web.words import _, said_later, several
+from highside.web.tools.watch_words import advice, duration, unseen, watch_words
+from highside.web.words import _, said_later, several, told
 from highside.words.worded import worded
 
 WORDS: dict[Condition, str] = {
@@ -42,8 +43,6 @@ WORDS: dict[Condition, str] = {
 
 CLAIMS_MAX = 4
 """that a page lists: a watch says one, or two where an axis is broken"""
-AXES = ("x", "y", "z")
-"""of a sensor: of no more is noise told"""
 UNKNOWN_ALARM = said_later("This page does not know the alarm: the tool's version is another; see its documentation.")
 
 
@@ -128,7 +127,7 @@ def tool_page(tool: ToolState, broker: Broker, now: float) -> ToolPage:
             broker=broker,
             said=_sentence(tool, now),
             alarms=_alarms(tool),
-            advice=texts(tool.watch.get("advice")) if departs(tool) else (),
+            advice=advice(tool) if departs(tool) else (),
         ),
         figures=_render("figures.html", figures=_figures(reading), fresh=fresh),
         dial=_render("dial.html", dial=dial(toolface, std, past[:-1]), fresh=fresh, ticks=_TICKS),
@@ -138,12 +137,12 @@ def tool_page(tool: ToolState, broker: Broker, now: float) -> ToolPage:
         events=_render("events.html", events=[(_utc(event.utc), event.text) for event in reversed(tool.events)]),
         watch=_render(
             "watch.html",
-            said=_watch_words(tool),
+            said=watch_words(tool),
             claims=_departures(tool),
             # where it departs it stands at the top of the page
-            advice=() if departs(tool) else texts(tool.watch.get("advice")),
+            advice=() if departs(tool) else advice(tool),
             rows=_parameters(tool),
-            unseen=_unseen(tool),
+            unseen=unseen(tool),
         ),
     )
 
@@ -171,17 +170,6 @@ def _sentence(tool: ToolState, now: float) -> str:
     if condition == "silent":
         return _("Its service is on line.") + f" {last}" if tool.status == "online" else last
     return _("Only kept messages are known of this tool; it has said nothing since.")
-
-
-def duration(seconds: float) -> str:
-    """In the unit that people would use."""
-    if seconds < 120:
-        return f"{seconds:.0f} s"
-    if seconds < 7200:
-        return f"{seconds / 60:.0f} min"
-    if seconds < 172_800:
-        return f"{seconds / 3600:.0f} h"
-    return _("%(count)s days") % {"count": f"{seconds / 86_400:.0f}"}
 
 
 def _list_row(tool: ToolState, now: float) -> dict[str, Any]:
@@ -281,7 +269,14 @@ def _part_rows(tool: ToolState, now: float) -> list[Row]:
     cal = text(calibration.get("cal_id"))
     rows.append(Row(_("calibration"), cal[:12] or "–", refused, bad=bool(refused)))
     if tool.watch:
-        rows.append(Row(_("watch over it"), text(tool.watch.get("verdict")) or "–", _claims(tool), bad=departs(tool)))
+        rows.append(
+            Row(
+                _("watch over it"),
+                told(text(tool.watch.get("verdict")), "watch") or "–",
+                _claims(tool),
+                bad=departs(tool),
+            )
+        )
     if tool.drift:
         std = number(tool.drift.get("azi_std_deg"))
         rows.append(Row(_("azimuth state"), text(tool.drift.get("motion")) or "–", _band(std)))
@@ -293,33 +288,6 @@ def _part_rows(tool: ToolState, now: float) -> list[Row]:
     spoilt = _("%(late)s late, %(bad)s messages unreadable") % {"late": tool.late, "bad": tool.unreadable}
     rows.append(Row(_("attitudes"), heard, spoilt))
     return rows
-
-
-def _watch_words(tool: ToolState) -> str:
-    """What the watch says, in a sentence."""
-    verdict = text(tool.watch.get("verdict"))
-    if not verdict:
-        return _("Nothing watches over the calibration of this tool, or it has said nothing yet.")
-    hours = number(tool.watch.get("watched_s"))
-    since = "" if hours is None else ", " + _("watched for %(time)s") % {"time": duration(hours)}
-    began = text(tool.watch.get("began"))
-    said = _("The watch says: %(verdict)s.") % {"verdict": f"{verdict}{since}{f'; {began}' if began else ''}"}
-    return " ".join([said, *_noise_words(tool)])
-
-
-def _noise_words(tool: ToolState) -> list[str]:
-    """Of axes whose noise has changed, and where it is not known whether it has: a sentence each."""
-    changes, words = tool.watch.get("noise_changes"), []
-    found = [
-        f"{text(one.get('axis'))} {factor:.2g} ×"
-        for one in (changes if isinstance(changes, list) else [])[: len(AXES)]
-        if isinstance(one, dict) and (factor := number(one.get("factor"))) is not None
-    ]
-    if found:
-        words.append(_("At rest these axes scatter otherwise than before: %(axes)s.") % {"axes": ", ".join(found)})
-    if (number(tool.watch.get("undecided")) or 0.0) > 0.0:
-        words.append(_("The last measurements are noise that has grown or a departure; the next ones tell."))
-    return words
 
 
 def _parameters(tool: ToolState) -> list[dict[str, str]]:
@@ -340,14 +308,6 @@ def _parameters(tool: ToolState) -> list[dict[str, str]]:
             }
         )
     return rows
-
-
-def _unseen(tool: ToolState) -> list[tuple[str, str]]:
-    """What it would take to see the parameters that were not: the names, and the reason that they share."""
-    reasons: dict[str, list[str]] = {}
-    for name, why in list(_table(tool.watch, "not_observable").items())[:PARAMETERS_MAX]:
-        reasons.setdefault(text(why), []).append(text(name))
-    return [(", ".join(names), why) for why, names in reasons.items() if why]
 
 
 def _thousandths(value: float, std: float) -> str:
