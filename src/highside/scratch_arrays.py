@@ -1,7 +1,8 @@
 """Long arrays in files without a name, which are gone with the last array that reads them, however the process ends.
 
 Rows are read back run by run at the file's own offset, so that threads may read side by side and nothing stays in
-memory.
+memory. Within `scratch_shared` they have names, in a folder that other processes see too: an array that is sent to one
+of these is read there from the same file.
 """
 
 from __future__ import annotations
@@ -9,7 +10,10 @@ from __future__ import annotations
 import os
 import tempfile
 import threading
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
+from pathlib import Path
 from typing import IO, Any, cast
 
 import numpy as np
@@ -18,19 +22,55 @@ from highside.arrays import AnyArray
 from highside.errors import InputError
 from highside.long_arrays import LongArray, is_long, runs_of
 
-__all__ = ["ScratchColumns", "ScratchFile", "evaluated", "filed", "stored"]
+__all__ = ["ScratchColumns", "ScratchFile", "evaluated", "filed", "scratch_shared", "stored"]
+
+_shared: ContextVar[Path | None] = ContextVar("shared", default=None)
+
+
+@contextmanager
+def scratch_shared(within: Path | None = None) -> Iterator[Path]:
+    """Scratch files are made in a folder of their own, where other processes can read them; it is gone afterwards.
+
+    `within`: where that folder is made; None: where temporary files are. Raises InputError where it cannot be made.
+    """
+    try:
+        folder = tempfile.TemporaryDirectory(prefix="highside-rows-", dir=within, ignore_cleanup_errors=True)
+    except OSError as error:
+        raise _no_room(error) from None
+    with folder as name:
+        before = _shared.set(Path(name))
+        try:
+            yield Path(name)
+        finally:
+            _shared.reset(before)
 
 
 class ScratchFile:
-    """A file without a name, gone with the last array that reads it, however the process ends."""
+    """A file without a name, gone with the last array that reads it, however the process ends.
+
+    Within `scratch_shared` it has one, and a copy that is sent to another process reads the same file.
+    """
 
     def __init__(self) -> None:
+        folder = _shared.get()
         try:
-            self._file: IO[bytes] = tempfile.TemporaryFile(buffering=0)  # noqa: SIM115 - open as long as it is read
+            self._file: IO[bytes] = (
+                tempfile.TemporaryFile(buffering=0)  # noqa: SIM115 - open as long as it is read
+                if folder is None
+                else tempfile.NamedTemporaryFile(dir=folder, buffering=0, delete=False)  # noqa: SIM115 - the same
+            )
         except OSError as error:
             raise _no_room(error) from None
+        self._name = None if folder is None else Path(self._file.name)
         self._turn = threading.Lock()
         self._end = 0
+
+    def __reduce__(self) -> tuple[Callable[[Path], ScratchFile], tuple[Path]]:
+        if self._name is None:
+            raise TypeError("a scratch file without a name cannot be sent to another process")
+        # a file system of several machines shows the others what has been written out
+        os.fsync(self._file.fileno())
+        return _opened, (self._name,)
 
     def append(self, content: bytes | memoryview) -> int:
         """Write behind all that is there; where it begins. Raises InputError where there is no room."""
@@ -63,6 +103,17 @@ class ScratchFile:
         if len(found) != size:
             raise _unread(f"{len(found)} of {size} bytes")
         return found
+
+
+def _opened(name: Path) -> ScratchFile:
+    """A file of another process, to be read. Raises InputError where it is not seen."""
+    made = ScratchFile.__new__(ScratchFile)
+    try:
+        made._file = name.open("rb", buffering=0)
+    except OSError as error:
+        raise _unread(error.strerror or str(error)) from None
+    made._name, made._turn, made._end = name, threading.Lock(), name.stat().st_size
+    return made
 
 
 def stored(like: object, shape: tuple[int, ...], runs: Iterable[AnyArray]) -> AnyArray:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -60,6 +62,15 @@ Workers = Annotated[
     int | None, typer.Option("--workers", min=1, max=256, help="Runs of rows worked on at the same time; default 2.")
 ]
 
+ClusterOption = Annotated[
+    str | None,
+    typer.Option(
+        "--cluster",
+        metavar="ADDRESS",
+        help="dask cluster (tcp://HOST:PORT), seeing TMPDIR, that goes through the rows of a giant rotation (Parquet).",
+    ),
+]
+
 Language = Annotated[
     Literal["en", "de", "nb", "es"], typer.Option("--language", help="Of report.html and of what is printed.")
 ]
@@ -85,6 +96,7 @@ def diagnose(
     report: Report = True,
     run_by_run: RunByRun = None,
     workers: Workers = None,
+    cluster: ClusterOption = None,
     language: Language = "en",
 ) -> None:
     """Say where a recording departs from the simulation, what was left out, and how sure that is."""
@@ -93,6 +105,8 @@ def diagnose(
     from highside.config.model import Model, load_model
 
     out = _require_consistent(recording, model, out, summary, simulation, write_model, align)
+    if cluster is not None:
+        run_by_run = _spreadable(run_by_run, summary, effects)
     take_in(effects)
     knows = Model() if model is None else load_model(model)
     with progress_on_terminal() as progress:
@@ -113,7 +127,7 @@ def diagnose(
             if any(one is not None for one in (codec, config, first_s, last_s)):
                 rows = _rows_of(recording, codec, config, first_s, last_s)
             progress(0.0, recording.name)
-            with as_options(run_by_run="--run-by-run"):
+            with as_options(run_by_run="--run-by-run" if cluster is None else "--cluster"), _on(cluster):
                 made = api.diagnose(
                     rows, knows, simulation=simulation, align=align, seed=seed, run_by_run=run_by_run, threads=workers
                 )
@@ -121,6 +135,35 @@ def diagnose(
 
     with in_language(language):
         _write_and_tell(made, out, write_model, report=report)
+
+
+def _spreadable(run_by_run: bool | None, summary: Path | None, effects: Sequence[Path] | None) -> bool:
+    """That rows are read run by run. Raises InputError for what a cluster cannot do."""
+    if summary is not None:
+        raise _not_for_cluster("an error table has few rows", "--summary")
+    if run_by_run is False:
+        raise _not_for_cluster("rows that are held in the memory are not given out", "--in-memory")
+    if effects:
+        raise _not_for_cluster("its processes do not have effects of your own", "--effects")
+    return True
+
+
+def _not_for_cluster(why: str, option: str) -> Exception:
+    from highside.errors import InputError
+
+    return InputError(why, field="--cluster", remedy=f"leave {option} or --cluster out")
+
+
+@contextmanager
+def _on(cluster: str | None) -> Iterator[None]:
+    """The cluster that goes through the rows, if any."""
+    if cluster is None:
+        yield
+        return
+    from highside.fleet.spread import on_cluster
+
+    with on_cluster(cluster):
+        yield
 
 
 def _write_and_tell(made: Diagnosis, out: Path, write_model: Path | None, *, report: bool) -> None:

@@ -38,11 +38,16 @@ MODULES = ("distributed", "highside.fleet.run", "pyarrow.parquet")
 
 @contextmanager
 def cluster_client(
-    workers: int | None, scheduler: str | None, modules: Sequence[str] = (), *, dashboard: bool = False
+    workers: int | None,
+    scheduler: str | None,
+    modules: Sequence[str] = (),
+    *,
+    dashboard: bool = False,
+    option: str = "--scheduler",
 ) -> Iterator[Any]:
     """A client of `workers` processes of this machine that have imported `modules` too, ended with it, or of the
-    cluster at an address. `dashboard`: dask's page of what the processes of this machine do, on a port of its own.
-    Raises InputError where dask.distributed is missing or the cluster cannot be reached."""
+    cluster at an address, which `option` gave. `dashboard`: dask's page of what the processes of this machine do, on a
+    port of its own. Raises InputError where dask.distributed is missing or the cluster cannot be reached."""
     try:
         import dask
         from distributed import Client, LocalCluster
@@ -53,7 +58,7 @@ def cluster_client(
             try:
                 client = Client(scheduler, timeout="10s")
             except (OSError, ValueError) as error:
-                raise InputError(f"cannot be reached: {error}", where=scheduler, field="--scheduler") from None
+                raise InputError(f"cannot be reached: {error}", where=scheduler, field=option) from None
             with client:
                 yield client
             return

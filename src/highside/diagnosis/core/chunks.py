@@ -8,13 +8,27 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from contextvars import ContextVar
 from itertools import islice
-from typing import TypeVar
+from typing import Protocol, TypeVar
 
 from highside.diagnosis.core.policy import CHUNKS
 
 S = TypeVar("S")
 T = TypeVar("T")
 
+
+class Elsewhere(Protocol):
+    """Other processes that see the files in which long arrays lie."""
+
+    def takes(self, count: int) -> bool:
+        """Whether so many runs are worth sending."""
+
+    def results(
+        self, work: Callable[[S], T], items: Sequence[S], both: Callable[[T, T], T] | None = None
+    ) -> Iterator[T]:
+        """As `of_runs`."""
+
+
+_elsewhere: ContextVar[Elsewhere | None] = ContextVar("elsewhere", default=None)
 _threads: ContextVar[int] = ContextVar("threads", default=CHUNKS.threads)
 
 
@@ -31,6 +45,28 @@ def on_threads(count: int | None) -> Iterator[None]:
         yield
     finally:
         _threads.reset(before)
+
+
+@contextmanager
+def spread_over(elsewhere: Elsewhere) -> Iterator[None]:
+    """Give runs of rows of long recordings out to other processes."""
+    before = _elsewhere.set(elsewhere)
+    try:
+        yield
+    finally:
+        _elsewhere.reset(before)
+
+
+def of_runs(work: Callable[[slice], T], runs: Sequence[slice], both: Callable[[T, T], T] | None = None) -> Iterator[T]:
+    """The results of runs of rows in their order, from threads or from the processes of `spread_over`.
+
+    `both` makes one result of those of two neighbours: these processes then answer for many runs at once.
+    """
+    elsewhere = _elsewhere.get()
+    if elsewhere is None or not elsewhere.takes(len(runs)):
+        yield from in_order(work, runs)
+    else:
+        yield from elsewhere.results(work, runs, both)
 
 
 def in_order(work: Callable[[S], T], items: Sequence[S]) -> Iterator[T]:

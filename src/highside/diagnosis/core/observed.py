@@ -3,6 +3,7 @@ where there are many."""
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Protocol, TypeVar, runtime_checkable
@@ -11,7 +12,7 @@ import numpy as np
 
 from highside.arrays import Array
 from highside.diagnosis.core.candidates import columns_of
-from highside.diagnosis.core.chunks import chunks_of, in_order
+from highside.diagnosis.core.chunks import chunks_of, of_runs
 from highside.diagnosis.core.policy import FITS
 from highside.long_arrays import is_long
 from highside.physics.effect import Effect
@@ -130,12 +131,18 @@ class Observed:
         """Whether the rows are not in the memory."""
         return is_long(self.readings)
 
-    def of_runs(self, at: ForwardModel, work: Callable[[slice, Observed], T], lead: int = 0) -> Iterator[T]:
+    def of_runs(
+        self,
+        at: ForwardModel,
+        work: Callable[[slice, Observed], T],
+        lead: int = 0,
+        both: Callable[[T, T], T] | None = None,
+    ) -> Iterator[T]:
         """What `work` makes of each run of rows, in order. It is given the run with `lead` rows before it, and before
-        these the first of all; what the model `at` remembers reaches from run to run."""
+        these the first of all; what the model `at` remembers reaches from run to run. `both` as in `chunks.of_runs`."""
         parts = chunks_of(self.state.n)
         if not remembers(at):
-            yield from in_order(lambda part: work(part, self.run(_led(part, lead))), parts)
+            yield from of_runs(lambda part: work(part, self.run(_led(part, lead))), parts, both)
             return
         carry = Carry(lead)
         for part in parts:
@@ -151,7 +158,7 @@ class Observed:
             white = [noise.whiten(c, both[:, c], part) for c in range(self.channels)]
             return np.asarray(sum((w @ w.T for w in white), np.zeros((len(both), len(both)))))
 
-        return np.asarray(sum(self.of_runs(at, of, noise.lead)))
+        return np.asarray(sum(self.of_runs(at, of, noise.lead, np.add)))
 
 
 def _led(part: slice, lead: int) -> slice:
@@ -178,7 +185,7 @@ def energy(noise: Whitening, rows: Array) -> float:
         led = rows[:, _led(part, noise.lead)]
         return sum(float(np.sum(noise.whiten(c, own[None], part) ** 2)) for c, own in enumerate(led))
 
-    return float(sum(in_order(of, chunks_of(rows.shape[-1]))))
+    return float(sum(of_runs(of, chunks_of(rows.shape[-1]), operator.add)))
 
 
 def least_squares(columns: Array, residual: Array) -> Array:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highside.arrays import Array
-from highside.diagnosis.core.chunks import chunks_of, in_order
+from highside.diagnosis.core.chunks import chunks_of, of_runs
 from highside.diagnosis.core.regression import solved
 from highside.diagnosis.rotation.policy import MEANS
 from highside.diagnosis.rows.design import Design
@@ -74,7 +74,7 @@ class Sectors:
                 found.append((low, [np.vstack([w @ belongs, n]) for w, n in zip(white, counted, strict=True)]))
             return found
 
-        for found in in_order(over, chunks_of(residual.shape[1])):
+        for found in of_runs(over, chunks_of(residual.shape[1])):
             for way, (low, channels) in enumerate(found):
                 for c, both in enumerate(channels):
                     own = slice(low, low + both.shape[1])

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highside.arrays import Array
-from highside.diagnosis.core.chunks import in_order
+from highside.diagnosis.core.chunks import of_runs
 from highside.diagnosis.core.markov import LevelNoise
 from highside.diagnosis.core.memory import Memory, memory_of
 from highside.diagnosis.core.policy import REGRESSION
@@ -88,13 +88,12 @@ def accumulate(design: Design, noise: RotationNoise, residual: Array) -> tuple[l
             for c, functions in enumerate(design.functions(led, residual))
         ]
 
-    for part, made in zip(chunks, in_order(one, chunks), strict=True):
-        first = int(segments.block[part.start])
+    for made in of_runs(one, chunks, _both):
         for c, chunk in enumerate(made):
             for key, gram, counted in chunk.pieces:
                 parts[c][key] = parts[c][key] + gram if key in parts[c] else gram
                 rows[c][key] = rows[c].get(key, 0.0) + counted
-            own = slice(first, first + chunk.sums.shape[1])
+            own = slice(chunk.first, chunk.first + chunk.sums.shape[1])
             sums[c][:, own] += chunk.sums
             counts[c][own] += chunk.counts
     walked = 0.0 if design.base.size else float(segments.at[-1] - segments.at[0])
@@ -105,6 +104,8 @@ def accumulate(design: Design, noise: RotationNoise, residual: Array) -> tuple[l
 class _Chunk:
     """What a run of rows adds on one channel."""
 
+    first: int
+    """block to which its first row belongs"""
     pieces: list[tuple[Key, Array, float]]
     sums: Array
     """(m, blocks)"""
@@ -120,7 +121,28 @@ def _chunk(white: Array, weight: Array, segments: Segments, part: slice) -> _Chu
         piece = white[:, start:stop]
         pieces.append((name, np.asarray(piece @ piece.T), float(np.sum(weight[start:stop] > 0))))
     starts = [start for start, _ in equal_runs(segments.block[part])]
-    return _Chunk(pieces, np.add.reduceat(white, starts, axis=1), np.add.reduceat((weight > 0).astype(float), starts))
+    counts = np.add.reduceat((weight > 0).astype(float), starts)
+    return _Chunk(int(segments.block[part.start]), pieces, np.add.reduceat(white, starts, axis=1), counts)
+
+
+def _both(one: list[_Chunk], other: list[_Chunk]) -> list[_Chunk]:
+    """What two neighbouring runs of rows add together, channel by channel; `one` stands before `other`."""
+    return [_joined(*chunks) for chunks in zip(one, other, strict=True)]
+
+
+def _joined(one: _Chunk, other: _Chunk) -> _Chunk:
+    pieces: dict[Key, tuple[Array, float]] = {}
+    for key, gram, counted in (*one.pieces, *other.pieces):
+        before = pieces.get(key)
+        pieces[key] = (gram, counted) if before is None else (before[0] + gram, before[1] + counted)
+    # the last block of the one may go on in the other
+    blocks = other.first - one.first + other.counts.size
+    sums, counts = np.zeros((one.sums.shape[0], blocks)), np.zeros(blocks)
+    for chunk in (one, other):
+        own = slice(chunk.first - one.first, chunk.first - one.first + chunk.counts.size)
+        sums[:, own] += chunk.sums
+        counts[own] += chunk.counts
+    return _Chunk(one.first, [(key, *both) for key, both in pieces.items()], sums, counts)
 
 
 @dataclass(frozen=True)
