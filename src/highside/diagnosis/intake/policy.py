@@ -18,7 +18,8 @@ class ChecksPolicy:
     stretch: int = 1 << 18
     """Rows of a recording that is not in the memory that are checked together. Source: chosen; 40 MB while they are."""
     clipped_share: float = 0.2
-    """Where more of a channel is clipped, the rest says too little. Chosen in 21ed34d; no run is recorded."""
+    """Where more of a channel is clipped, the rest says too little. Source: tests/unit/test_diagnosis_intake.py holds
+    from 0.1 to 0.4 (seven at once)."""
     missing_share: float = 0.5
     """Share of the rows that may lack a value and be left out of poses. Source: tests/unit/test_diagnosis_gaps.py, 10
     to 30 % missing."""
@@ -44,10 +45,11 @@ class ChecksPolicy:
     load_g: float = 2e-3
     """g by which loads must differ to be different. Source: studies.thresholds, 0.001 to 0.004."""
     span_steps: int = 20
-    """Converter steps that loads behind one reading must span for it to be a limit. Chosen in 63c0b1b; no run is
-    recorded."""
+    """Converter steps that loads behind one reading must span for it to be a limit. Source:
+    tests/unit/test_diagnosis_intake.py holds from 10 to 40 (seven at once)."""
     span_g: float = 5e-3
-    """g that loads behind one reading must span for it to be a limit. Chosen in 63c0b1b; no run is recorded."""
+    """g that loads behind one reading must span for it to be a limit. Source: tests/unit/test_diagnosis_intake.py holds
+    from 0.0025 to 0.01 (seven at once)."""
     least_codes: int = 16
     """Different readings from which a converter's step can be detected. Source: studies.thresholds, 8 to 32."""
     off_code: float = 0.02
@@ -56,8 +58,8 @@ class ChecksPolicy:
     """Share of rows unchanged from the row before, from which the step hides the noise. Source: studies.thresholds, 0.4
     to 0.9."""
     better: float = 3.0
-    """Times as well as under the axes given must readings follow the angles under others. Chosen in 21ed34d; no run is
-    recorded."""
+    """Times as well as under the axes given must readings follow the angles under others. Source:
+    tests/unit/test_diagnosis_intake.py holds from 1.5 to 6 (seven at once)."""
     least_equal: int = 3
     """Readings at a limit, and different ones below it, from which it can be one. Source: studies.thresholds, 1 to
     6."""
