@@ -66,6 +66,31 @@ def test_a_prediction_that_is_early_is_named_a_time_offset_and_nothing_else(earl
     assert dict(session.alignment.lags_s) == pytest.approx(dict.fromkeys(AXES, early_s), abs=1e-3)
 
 
+def test_where_a_low_pass_begins_and_ends_nothing_is_compared() -> None:
+    """The recording began where the prediction went on: 1,000 times the noise, for which six laws of two gyros were
+    claimed beside the clock."""
+    rng = np.random.default_rng(5)
+    waves = list(zip(rng.uniform(0.1, 1.0, 5), rng.uniform(0, 6, 5), strict=True))
+
+    def motion(t_s: Array) -> Array:
+        return np.stack([sum(np.sin(2 * np.pi * f * t_s + p + axis) for f, p in waves) for axis in range(3)])
+
+    longer = np.arange(-4.0, LENGTH_S + 4.0, 1 / 143)
+    session = simulation_session(of(motion(T_S), noise=NOISE_G), of(motion(longer), longer - 0.01))
+    moved = session.about({"time_offset": (0.01,)})
+    assert moved.low_passed
+    assert moved.omitted is not None
+    left = np.abs(moved.readings - moved.predicted)
+    assert left[:, ~moved.omitted].max() < 5 * NOISE_G
+    # a second and a half of either end, and no more
+    assert moved.omitted.mean() < 0.2
+    # what is as long as the recording ends with it
+    ends = simulation_session(of(motion(T_S), noise=NOISE_G), of(motion(T_S), T_S - 0.01))
+    about = ends.about({"time_offset": (0.01,)})
+    assert about.omitted is not None
+    assert np.abs(about.readings - about.predicted)[:, ~about.omitted].max() < 5 * NOISE_G
+
+
 def filtered(tau_s: float) -> Array:
     """What a first-order filter of this time constant makes of the motion."""
     decay, force = np.exp(-1 / RATE_HZ / tau_s), by_hand()

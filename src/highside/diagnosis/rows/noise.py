@@ -285,6 +285,9 @@ def _levinson(autocovariance: Array, rows: int) -> Array:
     """Prediction error filter of the order that BIC chooses, by the Levinson-Durbin recursion."""
     error = float(autocovariance[0])
     polynomial = np.ones(1)
+    if error <= 0.0:
+        # of nearly nothing, what a filter is divided out of may be less than nothing
+        return polynomial
     best, chosen = rows * np.log(error), polynomial
     for order in range(1, ROW_NOISE.max_order + 1):
         reflection = -float(polynomial @ autocovariance[order:0:-1][:order]) / error

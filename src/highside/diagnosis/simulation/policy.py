@@ -267,6 +267,11 @@ class SimulationSessionsPolicy:
     no_filter: float = 0.39
     """Share of a side's own rate: where the band reaches it, no low-pass is needed. Source: just below `band`, so that
     the comparison of the two does not hang on rounding."""
+    settled: float = 4.0
+    """Periods of the band's edge from the ends of a side that are not compared where it is low-passed: the filter goes
+    on there as if the motion were turned about its last value, and the other side ends elsewhere. Source: the slowest
+    pole, of damping 0.38, decays to 1e-4 in them; beside a prediction that is early by 10 ms the ends were 1,000 times
+    the noise."""
     step_reach: int = 12
     """Periods of the band's edge to either side of a step beyond which its low-pass has settled. Source: the filter's
     slowest pole, of damping 0.38, has decayed to 1e-12."""

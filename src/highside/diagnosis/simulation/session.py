@@ -58,6 +58,8 @@ class Prediction:
     t_s: Array
     columns: tuple[Array, ...]
     longest_s: float
+    settled_s: float
+    """from either end; before, a low-pass shows what it was begun with"""
 
     def at(self, t_s: Array) -> Array:
         """(C, n)."""
@@ -69,7 +71,7 @@ class Prediction:
 
     def lost(self, t_s: Array) -> NDArray[np.bool_]:
         """(n,) whether there is none."""
-        return in_gap(t_s, self.t_s, self.columns, self.longest_s)
+        return in_gap(t_s, self.t_s, self.columns, self.longest_s) | _at_ends(t_s, self.t_s, self.settled_s)
 
 
 @dataclass(frozen=True)
@@ -222,8 +224,8 @@ def simulation_session(
     for c in (c for c, name in enumerate(names) if unit_of(name) == "deg"):
         # whole turns apart is not apart
         measured[c] -= 360.0 * np.round(np.median(measured[c] - model[c]) / 360.0)
-    in_gaps = in_gap(grid, t_s, [side[n] for n in names], longest)
-    lost = _smeared(in_gaps | prediction.lost(grid), SIMULATION_SESSIONS.band)
+    missing = in_gap(grid, t_s, [side[n] for n in names], longest) | prediction.lost(grid)
+    lost = _smeared(missing | _at_ends(grid, t_s, _settled_s(t_s, band_hz, raw_hz)), SIMULATION_SESSIONS.band)
     # a covariate that is a channel itself is taken as predicted: the recorded one would explain itself
     covariates = {
         name: model[names.index(name)] if name in names else sampled(t_s, columns[name])
@@ -249,7 +251,7 @@ def simulation_session(
         found,
         band_hz,
         prediction,
-        low_passed=band_hz < SIMULATION_SESSIONS.no_filter * max(usual_rate(t_s), raw_hz),
+        low_passed=_is_low_passed(t_s, band_hz, raw_hz),
         always_lost=omitted,
     )
 
@@ -322,7 +324,24 @@ def _prediction(t_s: Array, columns: Sequence[Array], band_hz: float, raw_hz: fl
 
     times, rows = zip(*(_smoothed(t_s, values, band_hz, raw_hz) for values in columns), strict=True)
     curves = tuple(CubicSpline(at, row) for at, row in zip(times, rows, strict=True))
-    return Prediction(curves, t_s, tuple(columns), longest_s)
+    return Prediction(curves, t_s, tuple(columns), longest_s, _settled_s(t_s, band_hz, raw_hz))
+
+
+def _is_low_passed(t_s: Array, band_hz: float, raw_hz: float) -> bool:
+    """Whether a side of these times (N,) is low-passed for a grid of that band."""
+    return bool(band_hz < SIMULATION_SESSIONS.no_filter * max(usual_rate(t_s), raw_hz))
+
+
+def _settled_s(t_s: Array, band_hz: float, raw_hz: float) -> float:
+    """How far from the ends of a side of times (N,) its low-pass has forgotten what it was begun with."""
+    return SIMULATION_SESSIONS.settled / band_hz if _is_low_passed(t_s, band_hz, raw_hz) else 0.0
+
+
+def _at_ends(grid: Array, t_s: Array, settled_s: float) -> NDArray[np.bool_]:
+    """(n,) whether times of the grid lie nearer than that to an end of times (N,)."""
+    if settled_s == 0.0:
+        return np.zeros(grid.size, dtype=bool)
+    return np.asarray((grid < t_s[0] + settled_s) | (grid > t_s[-1] - settled_s))
 
 
 def _refuse_copies(names: tuple[str, ...], measured: Array, model: Array) -> None:
@@ -395,7 +414,7 @@ def _smoothed(t_s: Array, values: Array, band_hz: float, raw_hz: float) -> tuple
     from scipy.signal import butter, sosfiltfilt
 
     own_hz = max(usual_rate(t_s), raw_hz)
-    if band_hz >= SIMULATION_SESSIONS.no_filter * own_hz:
+    if not _is_low_passed(t_s, band_hz, raw_hz):
         times = t_s[np.diff(t_s, prepend=-np.inf) > SIMULATION_SESSIONS.apart / own_hz]
         return times, filled(times, t_s, values)
     times = np.arange(t_s[0], t_s[-1], 1 / own_hz)
@@ -419,7 +438,7 @@ def _sampled(grid: Array, t_s: Array, values: Array, band_hz: float, raw_hz: flo
     from scipy.interpolate import CubicSpline
 
     times, smooth = _smoothed(t_s, values, band_hz, raw_hz)
-    if band_hz >= SIMULATION_SESSIONS.no_filter * max(usual_rate(t_s), raw_hz):
+    if not _is_low_passed(t_s, band_hz, raw_hz):
         # noise and all: a curve would swing between rows that are near one another
         return np.asarray(np.interp(grid, times, smooth))
     return np.asarray(CubicSpline(times, smooth)(grid))
