@@ -91,6 +91,21 @@ def test_where_a_low_pass_begins_and_ends_nothing_is_compared() -> None:
     assert np.abs(about.readings - about.predicted)[:, ~about.omitted].max() < 5 * NOISE_G
 
 
+def test_of_a_motion_that_runs_fast_the_same_parts_are_low_passed() -> None:
+    """A low-pass of one edge took more of the faster one: `cross_coupling` was named beside `clock_skew`."""
+    off, parts = 0.05, ((2.4, 1.0), (4.8, 0.3), (7.2, 0.1), (9.6, 0.03))
+
+    def motion(t_s: Array) -> Array:
+        return np.stack([sum(a * np.cos(2 * np.pi * f * t_s + axis) for f, a in parts) for axis in range(3)])
+
+    session = simulation_session(of(motion(T_S), noise=NOISE_G), of(motion((1 + off) * T_S)))
+    assert session.low_passed
+    moved = session.about({"clock_skew": (off / (1 + off),)})
+    assert moved.omitted is not None
+    left = (moved.readings - moved.predicted)[:, ~moved.omitted]
+    assert np.abs(left).max() < 5 * NOISE_G
+
+
 def filtered(tau_s: float) -> Array:
     """What a first-order filter of this time constant makes of the motion."""
     decay, force = np.exp(-1 / RATE_HZ / tau_s), by_hand()

@@ -218,7 +218,7 @@ def simulation_session(
 
     longest = SIMULATION_SESSIONS.gap_steps / raw_hz
     measured = np.stack([sampled(t_s, side[n]) for n in names])
-    prediction = _prediction(t_sim, [side_sim[n] for n in names], band_hz, raw_hz, longest)
+    prediction = _prediction(t_sim, [side_sim[n] for n in names], band_hz / (1.0 - found.rate), raw_hz, longest)
     model = prediction.at(grid)
     _refuse_copies(names, measured, np.stack([sampled(t_sim, side_sim[n]) for n in names]))
     for c in (c for c, name in enumerate(names) if unit_of(name) == "deg"):
@@ -319,7 +319,8 @@ def _smeared(lost: NDArray[np.bool_], band: float) -> NDArray[np.bool_]:
 
 
 def _prediction(t_s: Array, columns: Sequence[Array], band_hz: float, raw_hz: float, longest_s: float) -> Prediction:
-    """The columns (N,) of a prediction as curves, no finer than the band that is compared."""
+    """The columns (N,) of a prediction as curves, no finer than the band that is compared, in the prediction's own
+    time: where the recording shows the motion slower, the same parts of it lie higher there."""
     from scipy.interpolate import CubicSpline
 
     times, rows = zip(*(_smoothed(t_s, values, band_hz, raw_hz) for values in columns), strict=True)
