@@ -69,7 +69,8 @@ def test_one_left_out_and_one_at_another_size_are_told_apart() -> None:
     # where two run alike, what either explains is in the share of neither; what is left unexplained is not theirs
     alike = [replace(claim, share=0.21 if claim.effect == "quadratic" else 0.06) for claim in made.claims]
     said = first_sentence(replace(made.found, claims=tuple(alike)), {"quadratic": 0.105, "base_tilt": 0.03}, "")
-    assert said.endswith("(3% of the misfit) at another size. Either of them explains the other 37%.")
+    assert "(3% of the misfit) at another size. Either of them explains the other 37%." in said
+    assert said.endswith(" What is left, 50% of the misfit, is taken for noise that wanders.")
 
 
 def test_the_right_size_is_nothing() -> None:

@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from highside.api.diagnosis import diagnose
 from highside.config.model import Model
+from highside.diagnosis.laws.claims import reported_laws
 from highside.diagnosis.laws.effects import EffectGroup
 from highside.diagnosis.laws.groups import LawGroup, groups_of
 from highside.diagnosis.laws.problem import LawProblem, PlaceField
 from highside.diagnosis.laws.search import Search
+from highside.physics.forward import ForwardModel
+from highside.physics.law import Function
+from highside.report.diagnosis_claims import title_of_any
 from studies import known_names, random_laws
 
 KINDS = ("white", "coloured", "one_over_f", "walk")
@@ -97,3 +102,62 @@ def test_the_shape_of_a_name_is_sharpened_between_the_values_that_are_tried() ->
     # without what lies between the values a strength of 1e6 would leave much
     assert found.noise.factor[0] < 1.3
     assert term.group.tries == 3
+
+
+def with_steps(*steps: tuple[float, float]) -> LawProblem:
+    """An offset of one channel that steps (g) at these times (s), in white noise."""
+    rng = np.random.default_rng(3)
+    floor = np.full((1, T_S.size), 1e-4)
+    residual = 1e-4 * rng.standard_normal(floor.shape) + sum(size * (at <= T_S) for at, size in steps)
+    place = PlaceField("offset", "x", np.ones((1, T_S.size)), 0)
+    free = np.ones((1, 1, T_S.size))
+    return LawProblem(residual, free, (place,), {"time": T_S}, floor, T_S, channels=("x",), memory=False)
+
+
+def test_a_step_between_the_places_that_are_tried_is_moved_there() -> None:
+    problem = with_steps((705.0, 2e-3))
+    tried = {g.axes[0].functions[0].numbers for g in groups_of(problem) if g.axes[0].functions[0].kind == "step"}
+    assert (705.0,) not in tried
+    found = Search(problem).run()
+    # one value on the wrong side would be off by 20 sigma, and a second step beside it would put that right
+    assert [term.group.axes[0].functions for term in found.terms] == [(Function("step", (705.0,)),)]
+    assert found.noise.factor[0] < 1.3
+
+
+def test_the_time_constant_of_a_decay_is_found_between_those_that_are_tried() -> None:
+    problem = with_steps()
+    residual = problem.residual + 5e-3 * (T_S >= 705.0) * np.exp(-(T_S - 705.0) / 160.0)
+    found = Search(replace(problem, residual=residual)).run()
+    (shape,) = (f for term in found.terms for f in term.group.axes[0].functions)
+    assert shape.kind == "decay"
+    assert shape.numbers[0] == 705.0
+    assert shape.numbers[1] == pytest.approx(160.0, rel=0.12)
+
+
+def test_an_effect_is_named_once_and_what_is_like_it_beside_it_is_a_law() -> None:
+    problem = with_steps((705.0, 2e-3), (1905.0, -1.2e-3))
+    onsets = np.arange(105.0, 2900.0, 200.0)
+    columns = [(onset <= T_S).astype(float)[None, None] for onset in onsets]
+    steps = [EffectGroup.of("bias_step", c, problem.floor, tries=len(onsets)) for c in columns]
+    found = Search(problem, [*groups_of(problem), *steps]).run()
+    names = [term.group.effect for term in found.terms]
+    assert names.count("bias_step") <= 1
+    search = Search(problem, steps)
+    assert len(search.run().terms) == 1
+
+
+def test_laws_of_the_same_place_and_covariate_each_have_a_slug() -> None:
+    problem = with_steps((705.0, 2e-3), (1905.0, -1.2e-3))
+    steps = [group for group in groups_of(problem) if group.axes[0].functions[0].kind == "step"]
+    found = Search(problem, steps).run()
+    assert [term.group.label for term in found.terms] == ["offset_x_time"] * 2
+    laws = reported_laws(found)
+    assert [one.law.id for one in laws] == ["law:offset_x_time", "law:offset_x_time--2"]
+    assert [one.claim.effect for one in laws] == [one.law.id for one in laws]
+    assert all(one.law.id in one.claim.equivalence_class for one in laws)
+    # beside a model that has such a law they stand in addition, not in its stead
+    beside = reported_laws(found, ["law:offset_x_time"])
+    assert [one.law.id for one in beside] == ["law:offset_x_time--2", "law:offset_x_time--3"]
+    model = ForwardModel.of({}).with_laws([laws[0].law]).with_laws([one.law for one in beside])
+    assert model.ids == ("law:offset_x_time", "law:offset_x_time--2", "law:offset_x_time--3")
+    assert [title_of_any(name) for name in model.ids] == [title_of_any("law:offset_x_time")] * 3

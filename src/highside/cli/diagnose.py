@@ -233,11 +233,12 @@ def _rows_of(
 
 def _show(diagnosis: DiagnosisResult) -> None:
     """The diagnosis in lines: verdict, claims, causes, what to look at."""
-    from highside.report.diagnosis_claims import claim_size, first_sentence
+    from highside.report.diagnosis_claims import claim_size, first_sentence, shares_of_fit
     from highside.report.diagnosis_words import blame, tested, verdict_words
     from highside.words import _, told
 
-    echo(f"{diagnosis.verdict} - {first_sentence(diagnosis, {}, verdict_words(diagnosis))}{tested(diagnosis)}")
+    said = first_sentence(diagnosis, shares_of_fit(diagnosis), verdict_words(diagnosis))
+    echo(f"{diagnosis.verdict} - {said}{tested(diagnosis)}")
     for claim in diagnosis.claims:
         echo(f"{claim.effect}: {claim_size(claim)}")
     if blame(diagnosis):

@@ -229,7 +229,7 @@ def _chosen(
         laws_alone = [t for t in chosen.terms if t.group.effect not in cases]
         chosen = search.beside([t.group for t in laws_alone if t.group.effect], laws_alone)
     staying = {t.group.effect for t in chosen.terms if t.group.effect}
-    laws = tuple(reported_laws(chosen))
+    laws = tuple(reported_laws(chosen, model.ids))
     return _Outcome(with_free_rivals([c for c in claims if c.effect in staying], chosen), laws, chosen)
 
 
@@ -271,7 +271,7 @@ def _alone(
         # beside laws too a size that is no constant, or none that an instrument has, gets no name; nor do others for it
         kept = [claim.effect for claim in names if claim.effect not in unfit | outside]
         return _alone(session, model, kept, frozenset(library.all_effects()) - set(kept))
-    return _Outcome(with_free_rivals(names, found), tuple(reported_laws(found)), found)
+    return _Outcome(with_free_rivals(names, found), tuple(reported_laws(found, model.ids)), found)
 
 
 def _names_of(found: Found, model: ForwardModel) -> tuple[Claim, ...]:
@@ -294,7 +294,7 @@ def _alike(session: LawSession, model: ForwardModel, found: Found) -> list[str]:
 
 def _beyond(session: LawSession, model: ForwardModel, found: Found, residual: Array) -> Array:
     """(C, m) what names and laws do beyond first order, at the sizes that a search gave them."""
-    laws = [one.law for one in reported_laws(found)]
+    laws = [one.law for one in reported_laws(found, model.ids)]
     named = {claim.effect: values_of_claim(session, model, claim) for claim in _names_of(found, model)}
     first = linear(session, model, laws)
     for name, values in named.items():

@@ -25,7 +25,7 @@ In a file (model file `[[laws]]`, `claims[].law` of `diagnosis.json`) a law is p
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -41,6 +41,8 @@ from highside.physics.gravity import gravity_direction
 from highside.physics.places import PLACES, Place
 from highside.physics.state import ChainState
 
+AGAIN = "--"
+"""before the number of a law that follows the same in the same place as another"""
 PREFIX = "law:"
 """what the id of a law's effect begins with"""
 TAPER = 0.1
@@ -163,6 +165,15 @@ class Axis:
             return np.ones(np.shape(u), dtype=bool)
         slack = 1e-9 * max(abs(self.low), abs(self.high), self.high - self.low)
         return np.asarray((u >= self.low - slack) & (u <= self.high + slack))
+
+
+def slug_beside(slug: str, ids: Collection[str]) -> str:
+    """The slug, with a number where a law of these ids has it already: `offset_x_temp`, `offset_x_temp--2`, ..."""
+    found, number = slug, 1
+    while PREFIX + found in ids:
+        number += 1
+        found = f"{slug}{AGAIN}{number}"
+    return found
 
 
 @dataclass(frozen=True)

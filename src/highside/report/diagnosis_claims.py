@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 
 from highside.diagnosis.core.result import Claim, DiagnosisResult
 from highside.physics.covariates import covariate
+from highside.physics.law import AGAIN
 from highside.physics.places import PLACES
 from highside.report.diagnosis_words import effect_name, sizes, within_sentence
 from highside.words import _, from_to, said_later, told
@@ -21,6 +22,7 @@ __all__ = [
     "is_law",
     "likelihood",
     "ordered",
+    "shares_of_fit",
     "title_of_any",
 ]
 
@@ -30,8 +32,11 @@ PRACTICALLY_CERTAIN, VERY_SURE, SURE = 1e-9, 1e-4, 1e-2
 """Probabilities by chance below which a claim is called so; family-wise over all that was tried. Words of this page."""
 SHOWN = 3
 """Claims, at most, that the first sentence lists."""
-OVERLAP_SAID = 0.05
-"""Share of the misfit, explained but no claim's alone, from which the first sentence says so. Words of this page."""
+PART_SAID = 0.05
+"""Share of the misfit from which the first sentence says that it is no claim's alone, or that no claim explains it.
+Words of this page."""
+NOTHING_ELSE = frozenset({"named", "law"})
+"""Verdicts that say that the claims explain the recording."""
 ALTERNATIVES = 4
 """Covariates, at most, that are listed of the laws of one place that cannot be told apart."""
 PLACE_WORDS = {
@@ -80,10 +85,10 @@ def title_of_any(name: str) -> str:
 
 def _of_law(name: str) -> tuple[str, str] | None:
     """Of the id of a law, where it acts and what it follows, in words; None: it is not the id of a law."""
-    rest = name.removeprefix(f"{LAW}:")
+    rest = name.removeprefix(f"{LAW}:").partition(AGAIN)[0]
     place = next((one for one in sorted(PLACES, key=len, reverse=True) if rest.startswith(f"{one}_")), "")
     channels, _, follows = rest.removeprefix(f"{place}_").partition("_")
-    if rest == name or not place or not follows:
+    if not name.startswith(f"{LAW}:") or not place or not follows:
         return None
     letter = "g" if place.startswith("gyro") else "a"
     shown = [letter + axis for axis in channels] if PLACES[place].triad else [channels]
@@ -191,47 +196,79 @@ def claims_table(claims: Sequence[Claim], shares: Mapping[str, float]) -> tuple[
     return headers, rows
 
 
+def shares_of_fit(diagnosis: DiagnosisResult) -> dict[str, float]:
+    """Share of the whole misfit of each claim, of the sizes that `fit` has: its share of what is explained, times how
+    much that is of all beyond the noise. Empty where a claim has no share of its own."""
+    fit = diagnosis.fit
+    if fit is None:
+        return {}
+    noise = (fit.row_noise or fit.noise_floor) ** 2
+    before, after = max(fit.rmse_before**2 - noise, 0.0), max(fit.rmse_after**2 - noise, 0.0)
+    if not before or any(claim.share is None for claim in diagnosis.claims):
+        return {}
+    explained = max(1.0 - after / before, 0.0)
+    return {claim.effect: explained * (claim.share or 0.0) for claim in diagnosis.claims}
+
+
 def first_sentence(diagnosis: DiagnosisResult, shares: Mapping[str, float], words: str) -> str:
     """The answer in one sentence: what the simulation omits, the largest first, then what it has at another size;
     `words` where nothing is claimed."""
     if not diagnosis.claims:
         return words
+    # laws of the same place and covariate are one thing to a reader, whatever their functions
+    parts: dict[tuple[str, bool], list[Claim]] = {}
+    for claim in ordered(diagnosis.claims, shares):
+        title = law_words(claim) if is_law(claim) else claim_title(claim)
+        parts.setdefault((title, bool(claim.simulated)), []).append(claim)
+    explained = _explained(diagnosis.claims, shares)
+    sizes = (
+        [explained]
+        if len(parts) == 1 and explained
+        else [sum(_share(claim, shares) for claim in claims) for claims in parts.values()]
+    )
     omitted: list[str] = []
     resized: list[str] = []
-    sorted_claims = ordered(diagnosis.claims, shares)
     # the table has them all: a sentence that lists ten is none
-    shown = sorted_claims if len(sorted_claims) <= SHOWN + 1 else sorted_claims[:SHOWN]
-    for claim in shown:
-        share = _share(claim, shares)
-        title = law_words(claim) if is_law(claim) else claim_title(claim)
+    shown = len(parts) if len(parts) <= SHOWN + 1 else SHOWN
+    for (title, simulated), share in list(zip(parts, sizes, strict=True))[:shown]:
         part = within_sentence(title, first=True)
         part += " " + _("(%(share)s of the misfit)", share=_percent(share)) if share > 0 else ""
-        (resized if claim.simulated else omitted).append(part)
+        (resized if simulated else omitted).append(part)
     does = [_("omits %(what)s", what=_listed(omitted))] if omitted else []
     does += [_("has %(what)s at another size", what=_listed(resized))] if resized else []
-    if len(shown) < len(sorted_claims):
-        does.append(_("%(count)s smaller things", count=len(sorted_claims) - len(shown)))
+    if shown < len(parts):
+        does.append(_("%(count)s smaller things", count=len(parts) - shown))
     rest = {
-        "named_plus": _(", and something more"),
+        "named_plus": "" if any(map(is_law, diagnosis.claims)) else _(", and something more"),
         "implausible_fit": _(", at sizes that are not plausible"),
     }.get(diagnosis.verdict, "")
     said = _listed(does) if len(does) > 2 else _(", and ").join(does)
     sentence = _("The simulation %(does)s%(rest)s.", does=said, rest=rest)
-    return sentence + _overlap(sorted_claims, shares)
+    return sentence + _overlap(sizes, explained) + _taken_for_noise(diagnosis, explained, shares)
 
 
-def _overlap(claims: Sequence[Claim], shares: Mapping[str, float]) -> str:
-    """What is explained but in no share: where claims run alike each takes over a part of another's."""
+def _explained(claims: Sequence[Claim], shares: Mapping[str, float]) -> float:
+    """Of the misfit, what all claims explain together; 0 where that is not known."""
     alone = sum(claim.share or 0.0 for claim in claims)
-    if len(claims) < 2 or alone <= 0.0:
+    return sum(_share(claim, shares) for claim in claims) / alone if alone > 0.0 else 0.0
+
+
+def _overlap(sizes: Sequence[float], explained: float) -> str:
+    """What is explained but in no share: where claims run alike each takes over a part of another's."""
+    other = explained - sum(round(size, 2) for size in sizes)
+    if len(sizes) < 2 or other < PART_SAID:
         return ""
-    said = [_share(claim, shares) for claim in claims]
-    other = sum(said) / alone - sum(round(share, 2) for share in said)
-    if other < OVERLAP_SAID:
-        return ""
-    if len(claims) == 2:
+    if len(sizes) == 2:
         return " " + _("Either of them explains the other %(share)s.", share=_percent(other))
     return " " + _("Several of them explain the other %(share)s alike.", share=_percent(other))
+
+
+def _taken_for_noise(diagnosis: DiagnosisResult, explained: float, shares: Mapping[str, float]) -> str:
+    """What is left where the verdict says that nothing else is: slow noise was learnt that is as large."""
+    left = 1.0 - explained
+    if diagnosis.verdict not in NOTHING_ELSE or not shares or not explained or left < PART_SAID:
+        return ""
+    return " " + _("What is left, %(share)s of the misfit, is taken for noise that wanders.", share=_percent(left))
 
 
 def _listed(parts: Sequence[str]) -> str:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,7 @@ from highside.diagnosis.laws.readings import readings_of
 from highside.diagnosis.laws.search import Found
 from highside.physics.covariates import covariate
 from highside.physics.effect import Effect
-from highside.physics.law import PREFIX, Law
+from highside.physics.law import PREFIX, Law, slug_beside
 from highside.physics.places import PLACES
 
 Bools = NDArray[np.bool_]
@@ -38,8 +38,13 @@ class ReportedLaw:
     """(C, n) what it does to the readings, to first order"""
 
 
-def reported_laws(found: Found) -> list[ReportedLaw]:
-    """The laws of a search, the largest share first; library effects among the terms are reported elsewhere."""
+def reported_laws(found: Found, taken: Iterable[str] = ()) -> list[ReportedLaw]:
+    """The laws of a search, the largest share first; library effects among the terms are reported elsewhere.
+
+    Each has a slug of its own, also beside those of the ids `taken` (laws that the model has): what follows the same in
+    the same place as another does stands beside it in the model, not in its stead.
+    """
+    ids = set(taken)
     white = found.whitened()
     terms = list(found.terms)
     mean, covariance = white.posterior(terms)
@@ -56,6 +61,8 @@ def reported_laws(found: Found) -> list[ReportedLaw]:
         if closed is not None and closed.law is not None:
             law = closed.law
             effect = closed.effect
+        law = replace(law, slug=slug_beside(law.slug, ids))
+        ids.add(law.id)
         made.append(ReportedLaw(law, _claim(found, white, terms, k, law, closed, shares[k], gains, effect), effect))
     return sorted(made, key=lambda one: -(one.claim.share or 0.0))
 
@@ -298,7 +305,8 @@ def _claim(
 ) -> Claim:
     group = terms[k].group
     strength = float(np.sum(white.whitener.white(effect[None]) ** 2))
-    rivals = tuple(f"{PREFIX}{g.label}" if not g.effect else g.effect for g in found.classes[k])
+    labels = [f"{PREFIX}{g.label}" if not g.effect else g.effect for g in found.classes[k]]
+    rivals = tuple(law.id if label == f"{PREFIX}{group.label}" else label for label in labels)
     own = found.gains[k]
     apart = [g for g in found.classes[k][1:] if not g.effect]
     others = sorted({name for g in apart for name in g.depends_on} - set(group.depends_on))

@@ -34,6 +34,13 @@ class LawGroupsPolicy:
     sessions' thirds, over which a law has to be stable."""
     decays: tuple[float, ...] = (0.03, 0.1, 0.3)
     """Time constants of decays, shares of the range of time. Source: chosen; the cosines take longer ones."""
+    onsets_between: int = 24
+    """Onsets between two of those places that are tried for a step, ramp or decay that was found, at most. Source: with
+    `steps` 1,152 onsets in a session, more than values of most; one value on the wrong side of a step of 20 sigma costs
+    200 nats, and two steps of an offset 5 and 20 s beside their places were taken for slow noise."""
+    decays_between: tuple[float, ...] = (0.6, 0.75, 0.9, 1.1, 1.33, 1.7)
+    """Factors of the time constant that are tried for a decay that was found. Source: together they span the factor of
+    3 between two of `decays` on either side."""
     dents: int = 36
     """Toolfaces around which a dent is tried. Source: chosen; its widths overlap."""
     dent_widths_deg: tuple[float, ...] = (6.0, 12.0, 24.0)

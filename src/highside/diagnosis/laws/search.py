@@ -183,7 +183,7 @@ class Search:
         while len(state.terms) < (LAW_SEARCH.most if relearn else LAW_SEARCH.most_first):
             white = self._whitened(state)
             gains, priors = white.scores(state.terms, least=LAW_SEARCH.gain, within=LAW_SEARCH.simpler)
-            best = self._simplest(gains)
+            best = self._simplest(gains := self._each_name_once(gains, state.terms))
             if gains[best] < LAW_SEARCH.gain:
                 break
             terms = [*state.terms, LawTerm(self.groups[best], priors[best])]
@@ -263,7 +263,7 @@ class Search:
                 others = [t for i, t in enumerate(terms) if i != k]
                 gains, priors = white.scores(others, within=LAW_SEARCH.simpler)
                 own = self.groups.index(terms[k].group)
-                best = self._simplest(gains)
+                best = self._simplest(gains := self._each_name_once(gains, others))
                 simpler = len(self.groups[best].axes) < len(terms[k].group.axes)
                 ahead = gains[best] > gains[own] + LAW_SEARCH.rival_gain
                 choice = best if ahead or simpler else own
@@ -271,6 +271,12 @@ class Search:
             if _which(terms) == before or len(terms) == 1:
                 break
         return terms
+
+    def _each_name_once(self, gains: Array, terms: list[LawTerm]) -> Array:
+        """The gains without those of further shapes of an effect that is among the terms: a model has an effect once.
+        A second step or decay beside it is a law of time."""
+        names = {t.group.effect for t in terms if t.group.effect}
+        return np.where([g.effect in names for g in self.groups], -np.inf, gains) if names else gains
 
     def _simplest(self, gains: Array) -> int:
         """The group of the highest gain; one of fewer covariates of it, in its place, that comes near."""

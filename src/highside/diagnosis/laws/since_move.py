@@ -95,7 +95,7 @@ def laws_since_move(held: HeldRows, state: ChainState, model: ForwardModel) -> t
         for t, alike in zip(found.terms, found.classes, strict=True)
     )
     found = replace(found, classes=classes)
-    return (reported_laws(found), found) if found.terms else None
+    return (reported_laws(found, model.ids), found) if found.terms else None
 
 
 def _simple(load: Array, previous: Array) -> Array:

@@ -1,5 +1,6 @@
-"""Variants of a law that was found: one that sets in midway, one of a temperature that lags by another time constant, a
-product with finer functions, one that is straight or bent once in one of its two quantities.
+"""Variants of a law that was found: one that sets in midway, a step or decay between the times that are tried, one of a
+temperature that lags by another time constant, a product with finer functions, one that is straight or bent once in one
+of its two quantities.
 
 They are tried in the place of a group that was chosen, not of every group: a hundred onsets of each would be most of a
 search, and a group that acts for a part of the session, or is drawn too smooth, is found as itself first.
@@ -20,13 +21,19 @@ from highside.physics.law import Axis, Function
 from highside.physics.places import PLACES
 
 ONSET = "step"
+IN_TIME = ("step", "ramp", "decay")
+"""shapes that begin at some time"""
 TEMPERATURES = ("temp", *FILTERED)
 """one quantity, as it lags or not"""
 
 
 def variants_of(problem: LawProblem, group: LawGroup) -> list[LawGroup]:
     """What is tried in the place of a group; nothing for effects of the library and for what has variants already."""
-    if group.effect or any(f.kind == ONSET for axis in group.axes for f in axis.functions):
+    if group.effect:
+        return []
+    if group.depends_on == ("time",) and group.axes[0].functions[0].kind in IN_TIME:
+        return _between(problem, group)
+    if any(f.kind == ONSET for axis in group.axes for f in axis.functions):
         return []
     return [
         *_onsets(problem, group),
@@ -35,6 +42,26 @@ def variants_of(problem: LawProblem, group: LawGroup) -> list[LawGroup]:
         *_lagging(problem, group),
         *_simple_in_one(problem, group),
     ]
+
+
+def _between(problem: LawProblem, group: LawGroup) -> list[LawGroup]:
+    """A step, ramp or decay that begins at another time up to the next place that was tried; a decay of other time
+    constants as well."""
+    (axis,) = group.axes
+    kind, (at, *constants) = axis.functions[0].kind, axis.functions[0].numbers
+    t = np.unique(problem.covariates["time"])
+    middle = (t[1:] + t[:-1]) / 2
+    near = middle[np.abs(middle - at) <= (t[-1] - t[0]) / (LAW_GROUPS.steps - 1)]
+    if near.size > LAW_GROUPS.onsets_between:
+        near = near[np.unique(np.linspace(0, near.size - 1, LAW_GROUPS.onsets_between).astype(int))]
+    shapes = [(float(onset), *constants) for onset in near if onset != at]
+    shapes += [(at, tau * factor) for tau in constants for factor in LAW_GROUPS.decays_between]
+    made = []
+    for numbers in shapes:
+        moved = replace(axis, functions=(Function(kind, numbers),))
+        basis, _ = _product(problem, group, [moved])
+        made.append(replace(group, axes=(moved,), basis=basis))
+    return made
 
 
 def as_simple(group: LawGroup, other: LawGroup) -> bool:
