@@ -71,6 +71,9 @@ def test_one_left_out_and_one_at_another_size_are_told_apart() -> None:
     said = first_sentence(replace(made.found, claims=tuple(alike)), {"quadratic": 0.105, "base_tilt": 0.03}, "")
     assert "(3% of the misfit) at another size. Either of them explains the other 37%." in said
     assert said.endswith(" What is left, 50% of the misfit, is taken for noise that wanders.")
+    # and where they explain nothing
+    said = first_sentence(replace(made.found, claims=tuple(alike)), {"quadratic": 0.0, "base_tilt": 0.0}, "")
+    assert said.endswith(" What is left, 100% of the misfit, is taken for noise that wanders.")
 
 
 def test_the_right_size_is_nothing() -> None:

@@ -266,7 +266,7 @@ def _overlap(sizes: Sequence[float], explained: float) -> str:
 def _taken_for_noise(diagnosis: DiagnosisResult, explained: float, shares: Mapping[str, float]) -> str:
     """What is left where the verdict says that nothing else is: slow noise was learnt that is as large."""
     left = 1.0 - explained
-    if diagnosis.verdict not in NOTHING_ELSE or not shares or not explained or left < PART_SAID:
+    if diagnosis.verdict not in NOTHING_ELSE or not shares or left < PART_SAID:
         return ""
     return " " + _("What is left, %(share)s of the misfit, is taken for noise that wanders.", share=_percent(left))
 
