@@ -7,10 +7,13 @@ import ast
 import html
 import re
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from watch_frames import poses_of_a_good_tool, rows_of_a_well
 
+import highside
 from highside.diagnosis.core.result import (
     Claim,
     Curve,
@@ -27,9 +30,12 @@ from highside.diagnosis.core.result import (
 from highside.diagnosis.table.chain import CELLS as COLUMNS
 from highside.physics.effects import all_effects
 from highside.physics.places import PLACES
+from highside.report import surveys_page, watch_page
 from highside.report.diagnosis_hints import CELLS, check_name, hint
 from highside.report.diagnosis_page import page_of
 from highside.report.parameter_names import OF_EFFECTS, TITLES, parameter_name
+from highside.watch.result import WatchResult
+from highside.watch.surveys import Detectable
 from highside.words import LANGUAGES, catalogue, in_language
 from highside.words.marked import in_words
 from tests.brackets import put_in_brackets
@@ -246,3 +252,30 @@ def test_no_word_of_a_report_escapes(verdict: Verdict) -> None:
     )
     assert re.findall(r"[^\W\d_]{3,}", left) == []
     assert not re.search(r"base_tilt|lever_arm|tilt_x|temp_c", left)
+
+
+@pytest.fixture(scope="module")
+def watched() -> list[WatchResult]:
+    """What is found of a tool whose z axis steps, and of one of which too little is seen."""
+    calibration = highside.calibrate(poses_of_a_good_tool(1), "joint", tool="HS-1", temp_c=25.0)
+    steps = rows_of_a_well(3, stands=8, inclinations_deg=(5.0, 50.0), step_g=(2e-3, 0.0, 0.0), step_at=4, rate_hz=12.0)
+    rests = rows_of_a_well(6, stands=4, inclinations_deg=(45.0, 45.0))
+    few = {name: column for name, column in rests.items() if not name.startswith("g")}
+    return [highside.watch_recording(rows, calibration).found for rows in (steps, few)]
+
+
+NO_WORDS_OF_WATCH = frozenset(("deg", "degC", "mrad", "per", "arm", "tilt", "gravity", "growth"))
+"""Units, and names of parameters"""
+
+
+@pytest.mark.usefixtures("brackets")
+def test_no_word_of_the_report_of_a_watch_escapes(watched: list[WatchResult]) -> None:
+    assert [found.verdict for found in watched] == ["departs", "learning"]
+    seen = Detectable("b_x", "g", 1e-4, None, ("S_xx",))
+    for found in (replace(one, cal_id="1") for one in watched):
+        with in_language("de"):
+            pages = [watch_page.page_of(found, "1", tool="1"), surveys_page.page_of(found, [seen], [], "1", "record")]
+        for page in pages:
+            body = re.sub(r"<svg.*?</svg>|<style.*?</style>|<script.*?</script>|<[^>]*>", " ", page, flags=re.S)
+            escaped = re.findall(r"[^\W\d_]{3,}", outside(html.unescape(body)))
+            assert set(escaped) <= NO_WORDS_OF_WATCH

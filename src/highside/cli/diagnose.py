@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from highside.cli.options import as_options
+from highside.cli.options import Language, as_options
 from highside.cli.own_effects import EffectFolders, take_in
 from highside.cli.say import echo
 
@@ -69,10 +69,6 @@ ClusterOption = Annotated[
         metavar="ADDRESS",
         help="dask cluster (tcp://HOST:PORT), seeing TMPDIR, that goes through the rows of a giant rotation (Parquet).",
     ),
-]
-
-Language = Annotated[
-    Literal["en", "de", "nb", "es"], typer.Option("--language", help="Of report.html and of what is printed.")
 ]
 
 

@@ -1,13 +1,20 @@
-"""What the library says of an argument, a command says of its option: `pose_sigma_deg` is `--pose-sigma-deg`."""
+"""What the library says of an argument, a command says of its option: `pose_sigma_deg` is `--pose-sigma-deg`. And
+options that several commands have."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Annotated, Literal
+
+import typer
 
 from highside.errors import HighsideError, InputError
 
+Language = Annotated[
+    Literal["en", "de", "nb", "es"], typer.Option("--language", help="Of report.html and of what is printed.")
+]
 _ARGUMENT = re.compile(
     r"\b(align|axial|azimuths|calibration|depths|model|of|rate_terms|reference|rest|simulation|tool)=(?:'([\w.]+)'|\"([\w.]+)\")?"
 )

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from highside.cli.options import as_options
+from highside.cli.options import Language, as_options
 from highside.cli.say import echo
 from highside.errors import InputError
 
@@ -67,6 +67,7 @@ def recording(
         typer.Option("--tool", metavar="ID", help="Whose recording it is: a record of another tool is refused."),
     ] = None,
     serial: Annotated[str | None, typer.Option("--serial", help="The same by serial number.")] = None,
+    language: Language = "en",
 ) -> None:
     """Say whether a calibration still holds in the hole, without a bench and without a reference.
 
@@ -86,7 +87,10 @@ def recording(
         given = {name: value for name, value in tool.items() if value is not None}
         made = watch_recording(file, calibration, gravity_g=gravity_g, tool=of_tool, serial=serial, **given)
     whose = f"under the record of tool {made.tool}; --tool says whose recording it is"
-    show_watched(made, out, *((whose,) if of_tool is None and serial is None else ()))
+    from highside.words import in_language
+
+    with in_language(language):
+        show_watched(made, out, *((whose,) if of_tool is None and serial is None else ()))
 
 
 def show_watched(made: WatchedRecording | AnalysedSurveys, out: Path, *notes: str) -> None:
@@ -94,6 +98,7 @@ def show_watched(made: WatchedRecording | AnalysedSurveys, out: Path, *notes: st
     from highside.report.plots import can_plot
     from highside.report.watch_page import NO_FIGURES, claim_words, headline
     from highside.watch.words import noise_words
+    from highside.words import _, told
 
     made.save(out)
     found = made.found
@@ -101,15 +106,15 @@ def show_watched(made: WatchedRecording | AnalysedSurveys, out: Path, *notes: st
     for claim in found.claims:
         echo(claim_words(claim))
     for line in found.advice:
-        echo(f"advice: {line}")
+        echo(_("advice: %(what)s", what=told(line, "watch")))
     for change in found.noise_changes:
-        echo(noise_words(change))
+        echo(told(noise_words(change), "watch"))
     if found.noise_grown:
-        echo(f"noise grown: {found.noise_ratio:.2f} times what is stated")
+        echo(_("noise grown: %(times)s times what is stated", times=f"{found.noise_ratio:.2f}"))
     for note in (*made.notes, *notes):
-        echo(f"note: {note}", err=True)
+        echo(_("note: %(what)s", what=told(note, "watch")), err=True)
     if not can_plot():
-        echo(f"{out / 'report.html'}: {NO_FIGURES}", err=True)
+        echo(f"{out / 'report.html'}: {_(NO_FIGURES)}", err=True)
     if found.verdict == "departs":
         raise typer.Exit(1)
 

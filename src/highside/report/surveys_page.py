@@ -11,13 +11,14 @@ from highside.report.plots import new_figure
 from highside.report.watch_page import COLOURS, add_found
 from highside.watch.result import WatchResult
 from highside.watch.surveys import Detectable
+from highside.words import _, said_later
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 PRIORS = {
-    "record": "the covariance of the record",
-    "iscwsa": "accelerometer terms of the ISCWSA MWD model (no record was given)",
+    "record": said_later("the covariance of the record"),
+    "iscwsa": said_later("accelerometer terms of the ISCWSA MWD model (no record was given)"),
 }
 
 
@@ -40,26 +41,31 @@ def page_of(
     notes: Sequence[str] = (),
 ) -> str:
     """The page as HTML; without figures where matplotlib is not installed."""
-    page = Page("Multi-station analysis: does the calibration hold?")
+    page = Page(_("Multi-station analysis: does the calibration hold?"))
     add_found(
         page,
         found,
-        ("Surveys", source),
-        more=[("Known beforehand", PRIORS[prior])],
+        (_("Surveys"), source),
+        more=[(_("Known beforehand"), _(PRIORS[prior]))],
         first=lambda: _figure(points),
-        caption="Gtotal of each survey less what it should be, over time, inclination and toolface: what the analysis"
-        " explains.",
+        caption=_(
+            "Gtotal of each survey less what it should be, over time, inclination and toolface: what the analysis"
+            " explains."
+        ),
     )
-    page.heading("What these surveys could show")
+    page.heading(_("What these surveys could show"))
     page.table(
-        ["departure", "found from", "standard deviation", "unit", "looks like"],
+        [_("departure"), _("found from"), _("standard deviation"), _("unit"), _("looks like")],
         [_row(one) for one in detectable],
-        "A departure that was there from the first survey on: the size that is found with 95 % probability, the"
-        " Cramer-Rao bound of its standard deviation, and the others that could not be told from it at that size.",
+        _(
+            "A departure that was there from the first survey on: the size that is found with 95 %% probability, the"
+            " Cramer-Rao bound of its standard deviation, and the others that could not be told from it at that size."
+        )
+        % {},
         words=(0, 3, 4),
     )
     if notes:
-        page.heading("Notes")
+        page.heading(_("Notes"))
         page.bullets(list(notes))
     return page.html()
 
@@ -67,7 +73,7 @@ def page_of(
 def _row(one: Detectable) -> list[str]:
     return [
         one.name,
-        "cannot be seen" if one.found_from is None else f"{one.found_from:.2g}",
+        _("cannot be seen") if one.found_from is None else f"{one.found_from:.2g}",
         "" if one.std is None else f"{one.std:.2g}",
         one.unit,
         ", ".join(one.alike),
@@ -78,12 +84,12 @@ def _figure(points: Sequence[SurveyPoint]) -> Figure:
     figure, ((by_time, by_inc, by_tf),) = new_figure(1, 3, height=2.6)
     error = [one.error_mg for one in points]
     for axis, x, label in (
-        (by_time, [one.t_s / 3600.0 for one in points], "hours"),
-        (by_inc, [one.inc_deg for one in points], "inclination, deg"),
-        (by_tf, [float("nan") if one.tf_deg is None else one.tf_deg for one in points], "toolface, deg"),
+        (by_time, [one.t_s / 3600.0 for one in points], _("hours")),
+        (by_inc, [one.inc_deg for one in points], _("inclination, deg")),
+        (by_tf, [float("nan") if one.tf_deg is None else one.tf_deg for one in points], _("toolface, deg")),
     ):
         axis.plot(x, error, ".", color=COLOURS[0])
         axis.axhline(0.0, color="0.5", linewidth=0.8)
         axis.set_xlabel(label)
-    by_time.set_ylabel("Gtotal error, mg")
+    by_time.set_ylabel(_("Gtotal error, mg"))
     return figure

@@ -10,19 +10,21 @@ from highside.report.plots import can_plot, new_figure, plotting
 from highside.watch.parameters import CALIBRATION, INDEX
 from highside.watch.result import AttitudeError, Deviation, NotObservable, WatchClaim, WatchResult
 from highside.watch.words import noise_words
+from highside.words import _, said_later, told
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 HEADLINES = {
-    "holds": "the calibration holds, as far as this hole can tell",
-    "learning": "not enough was seen to say whether the calibration holds",
-    "departs": "the tool departs from its calibration",
+    "holds": said_later("the calibration holds, as far as this hole can tell"),
+    "learning": said_later("not enough was seen to say whether the calibration holds"),
+    "departs": said_later("the tool departs from its calibration"),
 }
+VERDICTS = {"holds": said_later("holds"), "learning": said_later("learning"), "departs": said_later("departs")}
 BADGES = {"holds": "good", "learning": "open", "departs": "bad"}
+NO_FIGURES = said_later("without figures, since matplotlib is not installed (pip install 'highside[plot]')")
 COLOURS = ("#2f7fd1", "#d9822b", "#3d9a50")
 _RED = "#c23b3b"
-NO_FIGURES = "without figures, since matplotlib is not installed (pip install 'highside[plot]')"
 MOST_POINTS = 2000
 READABLE: Mapping[str, tuple[float, str]] = {
     "g": (1e3, "mg"),
@@ -35,15 +37,15 @@ READABLE: Mapping[str, tuple[float, str]] = {
 }
 """unit of a parameter: in which it is shown, three decimals, and by what factor"""
 PANELS = (
-    ("offsets, mg", ("b_x", "b_y", "b_z")),
-    ("scales, mg/g", ("S_xx", "S_yy", "S_zz")),
-    ("misalignments, mg/g", ("S_xz", "S_yz", "S_zx")),
+    (said_later("offsets, mg"), ("b_x", "b_y", "b_z")),
+    (said_later("scales, mg/g"), ("S_xx", "S_yy", "S_zz")),
+    (said_later("misalignments, mg/g"), ("S_xz", "S_yz", "S_zx")),
 )
 
 
 def headline(found: WatchResult) -> str:
     """The verdict in a sentence."""
-    return f"{found.verdict}: {HEADLINES[found.verdict]}"
+    return f"{_(VERDICTS[found.verdict])}: {_(HEADLINES[found.verdict])}"
 
 
 def claim_words(claim: WatchClaim) -> str:
@@ -51,39 +53,48 @@ def claim_words(claim: WatchClaim) -> str:
     ((name, size),) = claim.parameters.items()
     factor, unit = (1e3, f"m{size.unit}") if size.unit.startswith("g") else (1.0, size.unit)
     if name == "length":
-        return (
-            f"readings are {factor * size.value:+.3g} +- {1.96 * factor * size.std:.2g} {unit} from gravity's length:"
-            f" {one_of(claim.equivalence_class)}, since {claim.since_s:.0f} s;"
-            f" {error_words(claim.error)}"
+        return _(
+            "readings are %(size)s %(unit)s from gravity's length: %(what)s, since %(since)s s; %(error)s",
+            size=f"{factor * size.value:+.3g} +- {1.96 * factor * size.std:.2g}",
+            unit=unit,
+            what=one_of([told(name, "watch") for name in claim.equivalence_class]),
+            since=f"{claim.since_s:.0f}",
+            error=error_words(claim.error),
         )
     rest = [other for other in claim.equivalence_class if other != name]
-    alike = f" (or {', '.join(rest)}: not told apart)" if rest else ""
-    return (
-        f"{name} {factor * size.value:+.3g} +- {1.96 * factor * size.std:.2g} {unit}{alike} since {claim.since_s:.0f} s"
-        f" ({claim.since_low_s:.0f} to {claim.since_high_s:.0f} s; {claim.since_s / 3600.0:.2f} h);"
-        f" {error_words(claim.error)}"
+    alike = " " + _("(or %(names)s: not told apart)", names=", ".join(rest)) if rest else ""
+    return _(
+        "%(what)s since %(since)s s (%(low)s to %(high)s s; %(hours)s h); %(error)s",
+        what=f"{name} {factor * size.value:+.3g} +- {1.96 * factor * size.std:.2g} {unit}{alike}",
+        since=f"{claim.since_s:.0f}",
+        low=f"{claim.since_low_s:.0f}",
+        high=f"{claim.since_high_s:.0f}",
+        hours=f"{claim.since_s / 3600.0:.2f}",
+        error=error_words(claim.error),
     )
 
 
 def one_of(names: Sequence[str]) -> str:
     """Several as alternatives: `a, b or c`."""
-    return " or ".join(part for part in (", ".join(names[:-1]), names[-1]) if part)
+    return _(" or ").join(part for part in (", ".join(names[:-1]), names[-1]) if part)
 
 
 def error_words(error: AttitudeError | None) -> str:
     """An error of inclination and toolface, deg."""
     if error is None:
-        return "inclination and toolface are not to be used"
-    tf = "" if error.tf_deg is None else f", {error.tf_deg:+.3f} deg of toolface"
-    return f"{error.inc_deg:+.3f} deg of inclination{tf}"
+        return _("inclination and toolface are not to be used")
+    inc = _("%(angle)s deg of inclination", angle=f"{error.inc_deg:+.3f}")
+    if error.tf_deg is None:
+        return inc
+    return f"{inc}, " + _("%(angle)s deg of toolface", angle=f"{error.tf_deg:+.3f}")
 
 
 def page_of(found: WatchResult, source: str, notes: Sequence[str] = (), tool: str | None = None) -> str:
     """The page as HTML; without figures where matplotlib is not installed."""
-    page = Page("Watch: does the calibration hold?")
-    add_found(page, found, ("Recording", source), more=() if tool is None else [("Calibration of tool", tool)])
+    page = Page(_("Watch: does the calibration hold?"))
+    add_found(page, found, (_("Recording"), source), more=() if tool is None else [(_("Calibration of tool"), tool)])
     if notes:
-        page.heading("Notes")
+        page.heading(_("Notes"))
         page.bullets(list(notes))
     return page.html()
 
@@ -99,65 +110,86 @@ def add_found(
 ) -> None:
     """Verdict, claims, advice, parameters over time and what has not been seen, on any page. `source`: what was looked
     at, by kind and name; `more` facts beside; `first`: draws a figure that comes before, with its `caption`."""
-    page.badge(found.verdict, BADGES[found.verdict], HEADLINES[found.verdict])
+    page.badge(_(VERDICTS[found.verdict]), BADGES[found.verdict], _(HEADLINES[found.verdict]))
     page.facts([source, *more, *_facts(found)])
     if found.claims:
-        page.heading("What departs")
+        page.heading(_("What departs"))
         page.bullets([claim_words(claim) for claim in found.claims])
     if found.noise_changes:
-        page.heading("What has become noisier or quieter")
-        page.bullets([noise_words(change) for change in found.noise_changes])
-    page.heading("What to do")
-    page.bullets(list(found.advice))
-    page.heading("Over time")
+        page.heading(_("What has become noisier or quieter"))
+        page.bullets([told(noise_words(change), "watch") for change in found.noise_changes])
+    page.heading(_("What to do"))
+    page.bullets([told(line, "watch") for line in found.advice])
+    page.heading(_("Over time"))
     if not found.trace.t_s.size:
-        page.paragraph("Nothing was measured: the tool neither lay still nor turned long enough.", look="soft")
+        page.paragraph(_("Nothing was measured: the tool neither lay still nor turned long enough."), look="soft")
     elif can_plot():
         with plotting():
             if first is not None:
                 page.figure(first(), caption)
             page.figure(
                 _figure(found),
-                "Deviation from the calibration in force, with bands of two standard deviations; the last panel is the"
-                " evidence of the best hypothesis of a departure (twice the log-likelihood ratio) against its"
-                " threshold, and the inclination. A red line is the time at which a departure was first said, a"
-                " dashed one its likeliest onset.",
+                _(
+                    "Deviation from the calibration in force, with bands of two standard deviations; the last panel is"
+                    " the evidence of the best hypothesis of a departure (twice the log-likelihood ratio) against its"
+                    " threshold, and the inclination. A red line is the time at which a departure was first said, a"
+                    " dashed one its likeliest onset."
+                ),
             )
     else:
-        page.paragraph(f"This page is {NO_FIGURES}.", look="soft")
-    page.heading("Parameters")
+        page.paragraph(
+            _("This page is %(without)s.", without=_(NO_FIGURES)),
+            look="soft",
+        )
+    page.heading(_("Parameters"))
     page.table(
-        ["parameter", "deviation", "standard deviation", "before", "unit", "seen"],
+        [_("parameter"), _("deviation"), _("standard deviation"), _("before"), _("unit"), _("seen")],
         [_row(name, one) for name, one in list(found.parameters.items())],
-        "Deviation from the calibration, and what was known of it before the first measurement.",
+        _("Deviation from the calibration, and what was known of it before the first measurement."),
         words=(0, 4, 5),
     )
     if found.not_observable:
-        page.heading("Not observable so far")
+        page.heading(_("Not observable so far"))
         page.bullets(_unseen(found.not_observable))
 
 
 def _facts(found: WatchResult) -> list[tuple[str, str]]:
     counts = found.counts
-    left = ", ".join(f"{count} x {reason}" for reason, count in counts.left_out.items())
+    left = ", ".join(f"{count} x {told(reason, 'watch')}" for reason, count in counts.left_out.items())
+    watched = _(
+        "%(hours)s h: %(rests)s rests, %(windows)s windows of rotation",
+        hours=f"{found.duration_s / 3600.0:.2f}",
+        rests=counts.stills,
+        windows=counts.turns,
+    )
+    inclination = (
+        "" if found.inclination_deg is None else _("%(angle)s deg at the end", angle=f"{found.inclination_deg:.2f}")
+    )
     rows = [
-        ("Calibration", found.cal_id),
-        ("Watched", f"{found.duration_s / 3600.0:.2f} h: {counts.stills} rests, {counts.turns} windows of rotation"),
-        ("Not used", left),
-        ("Inclination", "" if found.inclination_deg is None else f"{found.inclination_deg:.2f} deg at the end"),
+        (_("Calibration"), found.cal_id),
+        (_("Watched"), watched),
+        (_("Not used"), left),
+        (_("Inclination"), inclination),
     ]
     if found.still_unseen is not None and found.stated is not None:
         unseen, stated = found.still_unseen, found.stated
         rows += [
             (
-                "Would not have been seen",
-                f"an error here of up to {unseen.inc_deg:.3f} deg of inclination and {unseen.tf_sin_inc_deg:.3f} deg of"
-                f" toolface times sin I (3 standard deviations of what the hole alone says); the record states"
-                f" {stated.inc_deg:.4f} and {stated.tf_sin_inc_deg:.4f} deg (1 standard deviation)",
+                _("Would not have been seen"),
+                _(
+                    "an error here of up to %(inc)s deg of inclination and %(tf)s deg of toolface times sin I (3"
+                    " standard deviations of what the hole alone says); the record states %(stated_inc)s and"
+                    " %(stated_tf)s deg (1 standard deviation)",
+                    inc=f"{unseen.inc_deg:.3f}",
+                    tf=f"{unseen.tf_sin_inc_deg:.3f}",
+                    stated_inc=f"{stated.inc_deg:.4f}",
+                    stated_tf=f"{stated.tf_sin_inc_deg:.4f}",
+                ),
             )
         ]
-    grown = ", grown: thresholds stand wider" if found.noise_grown else ""
-    rows.append(("Noise", f"{found.noise_ratio:.2f} times what is stated{grown}"))
+    times = _("%(times)s times what is stated", times=f"{found.noise_ratio:.2f}")
+    grown = _(", grown: thresholds stand wider") if found.noise_grown else ""
+    rows.append((_("Noise"), f"{times}{grown}"))
     return rows
 
 
@@ -166,7 +198,7 @@ def _unseen(found: Sequence[NotObservable]) -> list[str]:
     names: dict[str, list[str]] = {}
     for one in found:
         names.setdefault(one.why, []).append(one.parameter)
-    return [f"{', '.join(of)}: {why}" for why, of in names.items()]
+    return [f"{', '.join(of)}: {told(why, 'watch')}" for why, of in names.items()]
 
 
 def _row(name: str, one: Deviation) -> list[str]:
@@ -177,7 +209,7 @@ def _row(name: str, one: Deviation) -> list[str]:
         f"{factor * one.std:.3f}",
         f"{factor * one.stated_std:.3f}",
         unit,
-        "yes" if one.observable else "no",
+        _("yes") if one.observable else _("no"),
     ]
 
 
@@ -193,21 +225,21 @@ def _figure(found: WatchResult) -> Figure:
             value, std = 1e3 * trace.value[some, k], 1e3 * trace.std[some, k]
             axis.plot(hours, value, color=colour, label=name)
             axis.fill_between(hours, value - 2.0 * std, value + 2.0 * std, color=colour, alpha=0.15, linewidth=0)
-        axis.set_ylabel(label)
+        axis.set_ylabel(_(label))
         axis.legend(loc="upper left", ncols=3)
     (last,) = axes[-1]
     last.plot(hours, trace.evidence[some], color=COLOURS[0], label="evidence")
     last.axhline(found.threshold, color=_RED, linestyle=":", label="threshold")
     last.set_yscale("symlog", linthresh=found.threshold)
     last.set_ylim(bottom=0.0)
-    last.set_ylabel("evidence")
-    last.set_xlabel("hours")
+    last.set_ylabel(_("evidence"))
+    last.set_xlabel(_("hours"))
     beside = last.twinx()
     beside.plot(hours, trace.inclination_deg[some], color=COLOURS[1], label="inclination")
-    beside.set_ylabel("inclination, deg")
+    beside.set_ylabel(_("inclination, deg"))
     beside.grid(visible=False)
     handles = [*last.get_legend_handles_labels()[0], *beside.get_legend_handles_labels()[0]]
-    last.legend(handles, ["evidence", "threshold", "inclination"], loc="upper left", ncols=3)
+    last.legend(handles, [_("evidence"), _("threshold"), _("inclination")], loc="upper left", ncols=3)
     for claim in found.claims:
         for (axis,) in axes:
             axis.axvline(claim.alarm_s / 3600.0, color=_RED, linewidth=1.0)

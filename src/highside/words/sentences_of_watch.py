@@ -8,6 +8,7 @@ from __future__ import annotations
 from highside.words.marks import said_later
 
 WATCH = (
+    said_later("under the record of tool %(tool)s; --tool says whose recording it is"),
     said_later("began from the record"),
     said_later("began anew: %(id)s is another one (%(digits)s)"),
     said_later("began anew: the calibration is another one (%(digits)s, before %(before)s)"),
