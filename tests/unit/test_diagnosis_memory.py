@@ -113,9 +113,9 @@ print(peak * 1024, *[claim.effect for claim in found.claims])
 """a diagnosis without laws as a process of its own: the most bytes that it had at any time, and claims"""
 
 MOST_BYTES_MORE = {"in the memory": 330_000_000, "run by run": 128 << 20}
-"""from 100,000 to 400,000 rows, three channels. Source: 214 to 275 MB in five runs, and run by run 14 to 67 MB in a dozen,
-as the peaks of threads fall together and the allocator keeps what was freed; where all columns of the design were kept
-in the memory it was 1,280 bytes a row, 384 MB. What still grows there are blocks, up to a thousand."""
+"""from 100,000 to 400,000 rows, three channels. Source: 214 to 275 MB in five runs, and run by run 14 to 67 MB in a
+dozen, as the peaks of threads fall together and the allocator keeps what was freed; where all columns of the design
+were kept in the memory it was 1,280 bytes a row, 384 MB. What still grows there are blocks, up to a thousand."""
 
 
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="needs /proc/self/status (Linux)")
