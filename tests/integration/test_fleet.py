@@ -128,7 +128,8 @@ def test_workers_that_are_killed_cost_no_result(fleet: Path, tmp_path: Path) -> 
     assert len(killed) >= 3 and servers
     assert len(finished.outcomes) == len(entries)
     assert all(one.key is not None for one in finished.outcomes)
-    assert sum(one.verdict == "error" for one in finished.outcomes) == 1
+    # of a result that was written, and whose process was killed before it said so, the run knows the key alone
+    assert sum(row["verdict"] == "error" for row in store.read().values()) == 1
 
 
 def test_processes_that_are_killed_while_they_start_are_replaced(fleet: Path, tmp_path: Path) -> None:
