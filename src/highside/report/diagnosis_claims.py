@@ -223,7 +223,7 @@ def first_sentence(diagnosis: DiagnosisResult, shares: Mapping[str, float], word
     explained = _explained(diagnosis.claims, shares)
     sizes = (
         [explained]
-        if len(parts) == 1 and explained
+        if len(parts) == 1 < len(diagnosis.claims) and explained
         else [sum(_share(claim, shares) for claim in claims) for claims in parts.values()]
     )
     omitted: list[str] = []

@@ -103,7 +103,8 @@ class BenchPage:
         client, commands = self._host.admit(request)
         ui.add_css(_STYLE)
         ui.page_title(_("Bench: %(tool)s") % {"tool": self._driver.snapshot().tool})
-        ui.add_head_html(f'<script src="/bench.js"></script>{REDRAWN}')
+        ui.add_head_html('<script src="/bench.js"></script>')
+        ui.add_head_html(REDRAWN)
         view = BenchView(
             self._driver,
             self._shared,
