@@ -206,8 +206,8 @@ def full(verdict: Verdict) -> DiagnosisResult:
     )  # fmt: skip
     law = Claim(
         "law:offset_x_temp", "", None, "thermal", {}, 1e-5, ("law:offset_x_temp", "law:offset_x_time"), (),
-        "record another session and vary temperature over the range that matters, apart from time", share=0.3,
-        channels=("ax",), place="offset", depends_on=("temp",), range=((15.0, 40.0),),
+        "record another session and vary temperature over the range that matters and over several turns, independently"
+        " of time", share=0.3, channels=("ax",), place="offset", depends_on=("temp",), range=((15.0, 40.0),),
         curve=Curve((15.0, 25.0, 40.0), (0.0, 1e-4, -2e-4), (1e-5, 1e-6, 1e-5), "g"), shape_within=0.1,
         readings=("temperature drift of the zero offset (to tell: a ramp up and one down)",),
         confirm="vary temperature over the range that matters", resembles=("thermal_lag",),

@@ -80,7 +80,7 @@ COVARIATES: dict[str, Covariate] = {
     "load_z": Covariate("g", "load on z", _on_axis(2)),
     "inc": Covariate("deg", "inclination", lambda s, f, a: np.degrees(s.inc_rad)),
     "tf": Covariate("deg", "toolface", lambda s, f, a: np.mod(np.degrees(s.tf_rad), 360.0), periodic=True),
-    "tf_fraction": Covariate("deg", "toolface, order no whole number", lambda s, f, a: np.degrees(s.tf_rad)),
+    "tf_fraction": Covariate("deg", "toolface over several turns", lambda s, f, a: np.degrees(s.tf_rad)),
     "rate": Covariate("deg/s", "rotation rate", lambda s, f, a: np.degrees(s.rotor_rate_radps)),
     "rate_sign": Covariate(
         "1",

@@ -121,7 +121,9 @@ ANSWERS = (
         "beside strong effects is exact to"
     ),
     said_later("vary %(what)s over the range that matters"),
-    said_later("vary %(what)s over the range that matters, apart from %(others)s"),
+    said_later("vary %(what)s over the range that matters and over several turns"),
+    said_later("vary %(what)s over the range that matters, independently of %(others)s"),
+    said_later("vary %(what)s over the range that matters and over several turns, independently of %(others)s"),
     said_later("record another session and %(confirm)s"),
     said_later("white noise up to %(times)s times the floor"),
     said_later("a zero offset that wanders"),

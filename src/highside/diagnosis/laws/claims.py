@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,6 +26,8 @@ from highside.physics.law import PREFIX, Law, slug_beside
 from highside.physics.places import PLACES
 
 Bools = NDArray[np.bool_]
+FRACTION = "tf_fraction"
+"""the toolface as a covariate that does not come round"""
 
 
 @dataclass(frozen=True)
@@ -309,11 +311,8 @@ def _claim(
     rivals = tuple(law.id if label == f"{PREFIX}{group.label}" else label for label in labels)
     own = found.gains[k]
     apart = [g for g in found.classes[k][1:] if not g.effect]
-    others = sorted({name for g in apart for name in g.depends_on} - set(group.depends_on))
+    confirm = to_vary(group.depends_on, {name for g in apart for name in g.depends_on})
     words = " and ".join(covariate(name).title for name in group.depends_on)
-    confirm = f"vary {words} over the range that matters"
-    if others:
-        confirm += f", apart from {', '.join(covariate(name).title for name in others)}"
     formula = closed.text if closed is not None else None
     rms, rms_std = size_beside_free(white, effect, group.channels)
     shapes = tuple(f.kind for axis in law.axes for f in axis.functions) if law.formula else ()
@@ -342,6 +341,26 @@ def _claim(
         rms=rms,
         rms_std=rms_std,
     )
+
+
+def to_vary(depends_on: Sequence[str], rivals: Iterable[str]) -> str:
+    """What another session must vary, in words: what a law follows, apart from what else may be behind it.
+
+    What comes round after a turn and what does not (an order that is no whole number) part over several turns.
+    """
+    others = set(rivals) - set(depends_on)
+    turns = FRACTION in others
+    if turns:
+        others = (others | {"tf"}) - {FRACTION, *depends_on}
+    words = " and ".join(covariate(name).title for name in depends_on)
+    apart = ", ".join(covariate(name).title for name in sorted(others))
+    if turns and others:
+        return f"vary {words} over the range that matters and over several turns, independently of {apart}"
+    if turns:
+        return f"vary {words} over the range that matters and over several turns"
+    if others:
+        return f"vary {words} over the range that matters, independently of {apart}"
+    return f"vary {words} over the range that matters"
 
 
 def size_beside_free(white: Whitened, effect: Array, channels: tuple[int, ...]) -> tuple[float, float]:
