@@ -1,5 +1,5 @@
-"""`.ci/suites`, which `make test` runs: every test file in one piece, two pieces at a time, each one's output is shown,
-and one that failed is a failure."""
+"""`.ci/suites`, which `make test` runs: every test file in one piece, two pieces of live parts at a time and one
+that computes at a lower priority; each one's output is shown, and one that failed is a failure."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ import pytest
 PYTHON = """#!/bin/sh
 echo "ran: $*"
 echo "begin $*" >> "{books}"
+echo "$(nice) $*" >> "{priorities}"
 sleep {pause}
 echo "end $*" >> "{books}"
 case "$*" in {failing}) exit 5;; esac
@@ -37,9 +38,14 @@ def suites(folder: Path, project_root: Path, failing: str = "", pause: float = 0
         # one file of that piece
         files = sorted((project_root / "tests/unit").glob("test_*.py"))
         pattern = f"*tests/unit/{files[1].name}*"
-    python.write_text(PYTHON.format(books=folder / "books", pause=pause, failing=pattern))
+    python.write_text(PYTHON.format(books=folder / "books", priorities=folder / "priorities", pause=pause, failing=pattern))
     python.chmod(0o755)
     return [project_root / ".ci/suites", python, folder / "logs", python, CHECKS]
+
+
+def waits_for_others(arguments: str) -> bool:
+    """Whether a piece plays live parts, by the places that its command names."""
+    return any(f"tests/{place}" in arguments for place in ("guest", "integration", "faults", "session"))
 
 
 @pytest.mark.parametrize("failing", FAILING)
@@ -63,16 +69,22 @@ def test_every_test_file_is_in_one_piece_and_those_that_judge_a_pace_run_alone(
     subprocess.run(suites(tmp_path, project_root), capture_output=True, check=True, timeout=100)
     books = [line.partition(" ")[::2] for line in (tmp_path / "books").read_text().splitlines()]
     running: list[str] = []
-    most = 0
+    most_live = most = 0
     for what, arguments in books:
         if what == "end":
             running.remove(arguments)
             continue
         running.append(arguments)
         most = max(most, len(running))
+        most_live = max(most_live, sum(map(waits_for_others, running)))
         if arguments.endswith("-m timing"):
             assert running == [arguments]
-    assert most == 2
+    assert most_live == 2
+    assert most == 3
+    for line in (tmp_path / "priorities").read_text().splitlines():
+        priority, _, arguments = line.partition(" ")
+        # 19 is the lowest there is, and this test may run at it
+        assert int(priority) == min(os.nice(0) + (0 if waits_for_others(arguments) else 5), 19), line
     given = [arguments for what, arguments in books if what == "begin" and "-m timing" not in arguments]
     places = [word for arguments in given for word in arguments.split() if word.startswith("tests/")]
     for path in sorted((project_root / "tests").rglob("test_*.py")):
