@@ -38,7 +38,9 @@ def suites(folder: Path, project_root: Path, failing: str = "", pause: float = 0
         # one file of that piece
         files = sorted((project_root / "tests/unit").glob("test_*.py"))
         pattern = f"*tests/unit/{files[1].name}*"
-    python.write_text(PYTHON.format(books=folder / "books", priorities=folder / "priorities", pause=pause, failing=pattern))
+    python.write_text(
+        PYTHON.format(books=folder / "books", priorities=folder / "priorities", pause=pause, failing=pattern)
+    )
     python.chmod(0o755)
     return [project_root / ".ci/suites", python, folder / "logs", python, CHECKS]
 
