@@ -7,8 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from highside.physics.covariates import LAGS_S
-
 from . import world
 from .world import Session
 
@@ -75,6 +73,8 @@ def outside(s: Session, hidden: np.ndarray, columns: np.ndarray, sigma: tuple[fl
 
 def accepted(law: Row, design: str) -> set[Key]:
     """The places and covariates that say the same as a law does, in the words of `diagnosis.json`."""
+    from highside.physics.covariates import LAGS_S  # not above: the package that answers is chosen later
+
     channels = {axis for axis, weight in zip("xyz", law["weights"], strict=False) if weight}
     places = {law["place"]}
     if law["place"] == "scale" and len(channels) == 3:

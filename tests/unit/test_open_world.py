@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -337,3 +339,10 @@ def test_the_order_of_answering_is_shuffled_but_keeps_a_sweep_together() -> None
     for k in range(5):
         places = [order.index(f"sweep/{k:03d}/{s}") for s in (30, 100, 400)]
         assert places == list(range(places[0], places[0] + 3))
+
+
+@pytest.mark.parametrize("study", ["open_world.score", "sealed.score"])
+def test_a_deck_is_answered_by_the_package_of_its_commit(study: str) -> None:
+    """Not by one that the study has loaded before it could choose."""
+    loads = f"import sys, studies.{study}; sys.exit('highside' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", loads], cwd=Path(__file__).parents[2], check=False).returncode == 0
