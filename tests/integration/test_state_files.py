@@ -15,6 +15,7 @@ from daemon import Pty, Subscriber, is_held, running, wait_for
 
 from highside.codec.tool import encode
 from highside.errors import InputError
+from highside.recording.locks import lock as take_lock
 from highside.service.damage import DamageLog
 from highside.service.outbox import inspect
 
@@ -263,6 +264,7 @@ def test_a_state_directory_deleted_under_the_service_costs_no_message_and_is_tol
             shutil.rmtree(state)
             wait_for(lambda: stored(state) >= 15, 5, "the same messages in a new file", daemon)
             assert len([log for log in daemon.log.splitlines() if "deleted or replaced while in use" in log]) == 1
+            wait_for(lambda: another_is_refused(state), 10, "the directory's lock, taken again", daemon)
 
             subscriber = Subscriber(broker.port)
             try:
@@ -285,6 +287,18 @@ def test_a_state_directory_deleted_under_the_service_costs_no_message_and_is_tol
             assert list((state / "recordings").iterdir()), "the recorder went on, too"
     finally:
         line.close()
+
+
+def another_is_refused(state: Path) -> bool:
+    """Whether a second service could not begin in the directory."""
+    try:
+        with (state / "lock").open("r") as file:
+            take_lock(file.fileno(), shared=True)
+    except BlockingIOError:
+        return True
+    except OSError:
+        pass
+    return False
 
 
 def seqs(subscriber: Subscriber) -> list[int]:

@@ -155,6 +155,15 @@ def test_too_long_a_record_and_a_foreign_file_are_refused(tmp_path: Path) -> Non
     assert detect_kind(path) is WireKind.RAW
 
 
+def test_an_empty_recording_says_that_the_service_was_ended_before_any_data(tmp_path: Path) -> None:
+    """What a SIGKILL between the making of a file and its first data leaves."""
+    path = tmp_path / "a.hsw"
+    path.write_bytes(b"")
+    assert detect_kind(path) is WireKind.SEGMENTS
+    with pytest.raises(InputError, match="is empty: the service was ended before any data came"):
+        read_segments(path)
+
+
 ids = st.integers(0, 0x7FF)
 payload = st.binary(max_size=8)
 can_frames = (

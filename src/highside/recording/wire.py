@@ -76,7 +76,14 @@ class SegmentReader:
             self._read_header(file)
 
     def _read_header(self, file: BinaryIO) -> None:
-        if _read(file, len(MAGIC)) != MAGIC:
+        start = _read(file, len(MAGIC))
+        if not start:
+            raise InputError(
+                "is empty: the service was ended before any data came for this file; nothing was lost with it",
+                where=str(self.path),
+                remedy="leave it out, or give the recording before or behind it",
+            )
+        if start != MAGIC:
             raise InputError("is not a wire recording of highside", where=str(self.path))
         line = _read_line(file)
         if not line.endswith(b"\n") and len(line) < _MAX_META_BYTES:
@@ -117,7 +124,7 @@ def detect_kind(path: Path) -> WireKind:
     """What a wire recording (plain or gzipped) is, by its first bytes. Raises InputError for a missing file."""
     with open_binary(path) as file:
         start = _read(file, 4096)
-    if start.startswith(MAGIC):
+    if start.startswith(MAGIC) or (not start and path.name.removesuffix(".gz").endswith(SUFFIX)):
         return WireKind.SEGMENTS
     if looks_like_candump(start):
         return WireKind.CANDUMP

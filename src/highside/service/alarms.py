@@ -25,6 +25,8 @@ ALARMS: dict[str, str] = {
     "outbox_storage": "The outbox cannot write to the disk; messages wait in memory.",
     "outbox_replaced": "The outbox's files were deleted or replaced within the last hour, while in use, and begun anew:"
     " keep others out of the state directory; the log says what was set aside.",
+    "state_dir_taken": "Another highside uses the same state directory, which was deleted or replaced while in use:"
+    " stop one of the two.",
     "outbox_dropping": "Messages were dropped within the last hour, `outbox.dropped` says why: more room"
     " (`[mqtt.outbox]`), or the broker back.",
     "clock_stepped": "The wall clock was set within the last hour, `clock.last_step_s` says by how much: the `t` of"

@@ -24,7 +24,6 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import IO
 
 from highside.config.places import left_behind
 from highside.config.settings import Settings
@@ -44,7 +43,7 @@ from highside.service.outbox import Outbox
 from highside.service.outputs import AttitudeOutput, Survey
 from highside.service.parts import ServiceParts, Tap, make_pipeline, make_supervisor
 from highside.service.pipeline import Pipeline
-from highside.service.places import ToolLock, state_dir, take_state_dir
+from highside.service.places import StateLock, ToolLock, state_dir
 from highside.service.progress import feed_watchdog
 from highside.service.publisher import Publisher
 from highside.service.quiet_log import QuietLog
@@ -74,11 +73,10 @@ class Service:
     ) -> None:
         self.state_dir = state_dir(settings)
         self.notifier = notifier or Notifier()
-        self._lock: IO[str] | None = None
+        self._lock = StateLock(self.state_dir)
         self._places = contextlib.AsyncExitStack()
         """gives back what the start has opened and nobody has taken over"""
-        self._lag = LoopLag()
-        self.clock = ClockWatch(self.state_dir)
+        self._lag, self.clock = LoopLag(), ClockWatch(self.state_dir)
         self._stopping, self._changed = asyncio.Event(), asyncio.Event()
         """other tasks are to be watched"""
         self._refused_link: str | None = None
@@ -126,6 +124,7 @@ class Service:
             starts=self._starts,
             steps=self.clock.steps,
             lag=self._lag,
+            state_lock=self._lock,
         )
         self.on_output: Callable[[AttitudeOutput | Survey, int], None] | None = None
         """called with every output and its sequence number, for faces inside the process"""
@@ -314,7 +313,7 @@ class Service:
         Raises InputError; nobody has been notified then, and what was taken is given back by `_shut_down`.
         """
         settings = self.settings
-        self._lock = take_state_dir(self.state_dir)
+        self._lock.take()
         await asyncio.to_thread(self._starts.begin)
         # where earlier versions kept it by default: not lost without a word
         if settings.service.state_dir is None:
@@ -358,6 +357,7 @@ class Service:
         others = [
             asyncio.create_task(self._lag.run(), name="loop-lag"),
             asyncio.create_task(self._health_task(), name="health"),
+            asyncio.create_task(self._lock.run(), name="state-lock"),
             asyncio.create_task(self.clock.run(self._judge_age, self.publish_health), name="clock"),
             asyncio.create_task(feed_watchdog(self.notifier, self.outbox), name="watchdog"),
             asyncio.create_task(self.reloader.run(), name="reload"),
@@ -430,11 +430,10 @@ class Service:
             await asyncio.to_thread(self.parts.rig.metrics.close)
         if self.parts.tool_lock is not None:
             self.parts.tool_lock.release()
-        if self._lock is not None:
+        if self._lock.held:
             await asyncio.to_thread(self.clock.keep)
             await asyncio.to_thread(self._starts.end, how)
-            self._lock.close()
-            self._lock = None
+            self._lock.release()
 
     async def _health_task(self) -> None:
         while True:

@@ -14,6 +14,7 @@ from highside.service.damage import DamageLog
 from highside.service.drift_keeper import DriftKeeper
 from highside.service.outbox import Outbox
 from highside.service.parts import ServiceParts
+from highside.service.places import StateLock
 from highside.service.recorder import Recorder
 from highside.service.recorder_stats import RecorderState
 from highside.service.rig.rig import Rig
@@ -39,10 +40,12 @@ class Health:
         starts: StartLog,
         steps: StepWatch,
         lag: LoopLag,
+        state_lock: StateLock,
     ) -> None:
         self._parts, self._reloaded = parts, reloaded
         self._outbox, self._recorder, self._rig, self._drift, self._watch = outbox, recorder, rig, drift, watch
         self._damage, self._starts, self._steps, self._lag = damage, starts, steps, lag
+        self._state_lock = state_lock
         self._started_mono = time.monotonic()
         self._dropping, self._unanswered = Dropping(), Growing(UNANSWERED_STANDS_S)
         self._decoder, self._replaced = Growing(DECODER_STANDS_S), Growing(REPLACED_STANDS_S)
@@ -110,6 +113,7 @@ class Health:
             "commands_unanswered": self._unanswered.look(broker.replies_dropped),
             "outbox_storage": not outbox.storage_ok,
             "outbox_replaced": self._replaced.look(outbox.replaced),
+            "state_dir_taken": self._state_lock.taken,
             "outbox_dropping": self._dropping.look(outbox.dropped),
             "recorder_storage": settings.recorder.enabled and recorder.state is RecorderState.FAILING,
             "clock_stepped": self._steps.alarm,

@@ -8,11 +8,14 @@ broker's behaviour tells (alarm `client_id_taken`).
 
 from __future__ import annotations
 
+import asyncio
 import errno
 import hashlib
+import logging
 import os
 import socket
 import struct
+import threading
 from contextlib import suppress
 from pathlib import Path
 from typing import IO
@@ -23,6 +26,13 @@ from highside.config.settings import Settings
 from highside.errors import InputError
 from highside.recording.files import make_directory, set_aside
 from highside.recording.locks import lock as take_lock
+from highside.service.outbox_places import Places
+from highside.service.quiet_log import QuietLog
+
+log = logging.getLogger("highside")
+
+LOOK_S = 2.0
+"""Seconds between looks at the lock of the state directory: as the outbox looks at its files"""
 
 _LOOPBACK = {"localhost", "127.0.0.1", "::1", "ip6-localhost", ""}
 
@@ -37,31 +47,108 @@ def state_dir(settings: Settings) -> Path:
 
 def take_state_dir(directory: Path) -> IO[str]:
     """Make the directory and lock it; the lock goes when the file is closed. Raises InputError: not usable, or used."""
-    where = str(directory)
-    try:
-        # what is synced into it must not go with the directory itself
-        make_directory(directory)
-        if (directory / "lock").is_dir():
-            set_aside(directory / "lock")
-        lock = (directory / "lock").open("w")
-    except OSError as error:
-        raise InputError(
-            f"the state directory cannot be written: {error.strerror}",
-            where=where,
-            field="service.state_dir",
-            remedy="give one that this user may write",
-        ) from None
+    lock = _open_lock(directory)
     try:
         take_lock(lock.fileno())
     except OSError:
         lock.close()
         raise InputError(
             "another highside uses this state directory",
-            where=where,
+            where=str(directory),
             field="service.state_dir",
             remedy="stop it, or give this one its own",
         ) from None
     return lock
+
+
+def _open_lock(directory: Path) -> IO[str]:
+    try:
+        # what is synced into it must not go with the directory itself
+        make_directory(directory)
+        if (directory / "lock").is_dir():
+            set_aside(directory / "lock")
+        return (directory / "lock").open("w")
+    except OSError as error:
+        raise InputError(
+            f"the state directory cannot be written: {error.strerror}",
+            where=str(directory),
+            field="service.state_dir",
+            remedy="give one that this user may write",
+        ) from None
+
+
+class StateLock:
+    """The lock of the state directory, kept for as long as the service runs.
+
+    Who deletes the directory, or its lock, takes the lock from nobody who has it open, and hides it from everybody
+    else: a second service would take the directory, too. `look` takes what is there now.
+    """
+
+    def __init__(self, directory: Path) -> None:
+        self._directory, self._path = directory, directory / "lock"
+        self._file: IO[str] | None = None
+        self._places = Places()
+        self._guard = threading.Lock()
+        self._missed = 0
+        self._quiet = QuietLog(log)
+
+    @property
+    def held(self) -> bool:
+        """Between `take` and `release`."""
+        return self._file is not None
+
+    @property
+    def taken(self) -> bool:
+        """Another one has the directory. Who only looks whether a service runs has its lock for a moment: twice."""
+        return self._missed > 1
+
+    def take(self) -> None:
+        """At the start. Raises InputError as `take_state_dir`."""
+        self._hold(take_state_dir(self._directory))
+
+    def release(self) -> None:
+        """Give it back; may be called more than once."""
+        with self._guard:
+            if self._file is not None:
+                self._file.close()
+                self._file = None
+
+    async def run(self) -> None:
+        """Look again and again, in a thread: a dead file system holds up nothing else."""
+        while True:
+            await asyncio.sleep(LOOK_S)
+            await asyncio.to_thread(self.look)
+
+    def look(self) -> None:
+        """Whether the lock is still that of the directory; if not, take what is there now, or tell that another has."""
+        with self._guard:
+            if self._file is None or not self._places.moved(self._path):
+                return
+            try:
+                new = _open_lock(self._directory)
+            except InputError:
+                return  # the outbox, which has its files beside it, tells
+            try:
+                take_lock(new.fileno())
+            except OSError:
+                new.close()
+                self._missed += 1
+                if self.taken:
+                    text = (
+                        "another highside uses the state directory %s, which was deleted or replaced; stop one of them"
+                    )
+                    self._quiet.say(logging.ERROR, "taken", text, self._directory)
+                return
+            old, self._missed = self._file, 0
+            self._hold(new)
+            old.close()
+            text = "the lock of the state directory %s was gone; it was made anew and taken again"
+            self._quiet.say(logging.WARNING, "again", text, self._directory)
+
+    def _hold(self, file: IO[str]) -> None:
+        with suppress(OSError):  # it cannot be told then whether it moves
+            self._places.note(self._path, file.fileno())
+        self._file = file
 
 
 class ToolLock:

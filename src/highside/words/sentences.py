@@ -243,6 +243,10 @@ ALARMS = (
         "keep others out of the state directory; the log says what was set aside."
     ),
     said_later(
+        "Another highside uses the same state directory, which was deleted or replaced while in use: stop one of "
+        "the two."
+    ),
+    said_later(
         "Messages were dropped within the last hour, `outbox.dropped` says why: more room (`[mqtt.outbox]`), "
         "or the broker back."
     ),

@@ -141,7 +141,7 @@ def _columns_by_cell(
     """Whether numbers have a decimal comma, and the columns; each cell is looked at, and a wrong one is named."""
     rows = _rows(lines, dialect, where, ended, remarks)
     if not rows:
-        raise InputError("has a header but no rows", where=where)
+        raise _no_rows(lines, dialect, where)
     cells = list(zip(*rows, strict=True))
     comma = _decimal_comma(cells, dialect, where)
     return comma, tuple(
@@ -257,6 +257,13 @@ def _header(lines: Sequence[str], dialect: _Dialect, where: str) -> tuple[tuple[
     names = [name.strip().strip('"').strip() for name in _split(text, dialect.delimiter)]
     if len(names) == dialect.width - 1:
         names = ["", *names]
+    if len(names) > dialect.width and names[-1]:
+        # which of them has no cells is not said: to leave out the last might give each column its neighbour's name
+        raise InputError(
+            f"the header has {len(names)} cells where the rows have {dialect.width}",
+            where=f"{where}: line {dialect.header + 1}",
+            remedy="give each column a name and each row all its cells",
+        )
     names = names[: dialect.width]
     names = [name or f"column {place + 1}" for place, name in enumerate(names)]
     double = [name for name, count in Counter(names).items() if count > 1]
@@ -301,6 +308,21 @@ def _rows(lines: Sequence[str], dialect: _Dialect, where: str, ended: bool, rema
                 remedy="correct that line",
             )
     return rows
+
+
+def _no_rows(lines: Sequence[str], dialect: _Dialect, where: str) -> InputError:
+    """What is wrong with a text of which no line is a row: the first line behind the header, if there is one."""
+    head = (dialect.header, dialect.units)
+    behind = max(place for place in (*head, -1) if place is not None) + 1
+    for place, line in enumerate(lines[behind:], start=behind):
+        if line.strip():
+            cells = len(_split(line, dialect.delimiter))
+            return InputError(
+                f"has {cells} cells where the header has {dialect.width}",
+                where=f"{where}: line {place + 1}",
+                remedy="correct that line",
+            )
+    return InputError("has a header but no rows", where=where)
 
 
 def _decimal_comma(cells: Sequence[Sequence[str]], dialect: _Dialect, where: str) -> bool:
