@@ -30,6 +30,8 @@ PER_KM = 1.05e-4
 NOISE_G = 3e-4
 """of one reading; 600 of them a survey"""
 READINGS = 600
+SLOW, SLOW_MEANS = 20**-0.5, 30
+"""of means of two seconds within it: scatter in units of a reading's, and how many"""
 
 
 @dataclass(frozen=True)
@@ -40,6 +42,8 @@ class Conditions:
     every_h: float = 0.5
     noise: float = 1.0
     walk: float = 1.0
+    scatter: bool = False
+    """whether surveys keep what their axes scatter"""
 
 
 @dataclass(frozen=True)
@@ -95,7 +99,8 @@ class Well:
             mean = (np.eye(3) + truth[3:12].reshape(3, 3)) @ f * pull + truth[:3] + truth[12:15] * (temp - 20.0)
             white = NOISE_G / np.sqrt(READINGS)
             mean = mean + conditions.noise * np.hypot(white, STATED.still_floor_g) * rng.standard_normal(3)
-            self.lines.append(_line(k, hours[k], mean, temp, km, cal_id, white))
+            line = _line(k, hours[k], mean, temp, km, cal_id, white)
+            self.lines.append(with_scatter(line, 1000 * seed + k) if conditions.scatter else line)
             rows.append(_row(f, temp, km - 3.0 / conditions.surveys) / np.hypot(white, STATED.still_floor_g))
         self.truth, self.H, self.hours = truth, np.array(rows), hours
 
@@ -131,6 +136,16 @@ def _row(f: Array, temp: float, km: float) -> Array:
     row[:3], row[3:12], row[12:15] = f, np.outer(f, f).ravel(), f * (temp - 20.0)
     row[INDEX["gravity"]], row[INDEX["growth"]] = 1.0, km
     return row
+
+
+def with_scatter(line: str, seed: int) -> str:
+    """A kept line with what its axes scatter: noise as in all others, as well known as of so many readings."""
+    rng = np.random.default_rng(seed)
+    of = [
+        [round(1e3 * sigma * float(np.sqrt(rng.chisquare(n) / n)), 6) for _ in "xyz"]
+        for sigma, n in ((NOISE_G, READINGS), (NOISE_G * SLOW, SLOW_MEANS))
+    ]
+    return json.dumps(json.loads(line) | {"scatter_mg": of})
 
 
 def _line(k: int, hours: float, mean: Array, temp: float, km: float, cal_id: str, white: float) -> str:
@@ -249,8 +264,9 @@ def main() -> None:
     parser.add_argument("--departures", type=int, default=300)
     parser.add_argument("--surveys", type=int, default=100)
     parser.add_argument("--first-seed", type=int, default=7000)
+    parser.add_argument("--scatter", action="store_true", help="surveys keep what their axes scatter")
     args = parser.parse_args()
-    tool, stated = calibration(), Conditions(args.surveys)
+    tool, stated = calibration(), Conditions(args.surveys, scatter=args.scatter)
     for word, conditions in (
         ("as stated", stated),
         ("noise 1.4 and walk 1.5 times the stated", replace(stated, noise=1.4, walk=1.5)),

@@ -1,4 +1,4 @@
-"""The watch over means at rest whose rows nobody kept (surveys): noise that jumps against an offset that steps.
+"""The watch over means at rest (surveys), whose rows nobody kept: noise that jumps against an offset that steps.
 
 Rests in all attitudes, one mean each with noise of 14 ug of its length, a tool whose offsets, matrix and gravity are
 off by what its record and class allow, with the random walk of its class. In the middle of the series either the noise
@@ -6,8 +6,13 @@ grows (`WAYS`) and nothing departs, or one offset steps and the noise stays. The
 at which size x sqrt(information) reaches the square root of the threshold and `WatchPolicy.power`, by a filter that
 follows no noise.
 
+`--scatter rows`: each rest is a minute at ten readings a second, white and 1/f, and what its axes scatter is kept with
+its mean, as the service keeps it with a survey. `--scatter blind`: the same, but what grows is constant within a rest,
+so that its scatter shows nothing of it: the worst that noise can do to who trusts the scatter.
+
     python -m studies.watch_means --series 40 --first-seed 71000
     python -m studies.watch_means --series 40 --first-seed 72000 --apart-min 30
+    python -m studies.watch_means --series 40 --first-seed 171000 --apart-min 30 --scatter rows
 """
 
 from __future__ import annotations
@@ -20,11 +25,15 @@ import numpy as np
 
 from highside.arrays import Array
 from highside.watch import POLICY, STATED, Still, Watch
+from highside.watch.axis_noise import scatters
 from highside.watch.parameters import GRAVITY, prior
+from studies.watch_noise import flicker
 
 RESTS, FROM = 200, 100
 READ_G = 1e-5
 """of a mean by its own rows, beside the floor of the class"""
+ROWS, ROW_S = 600, 0.1
+"""of a rest whose axes' scatter is kept"""
 WAYS: dict[str, Sequence[float]] = {
     **{f"{times} times": [times] * (RESTS - FROM) for times in (2, 3, 4, 6, 10, 30)},
     "6 times, 12 rests": [6] * 12,
@@ -53,7 +62,7 @@ class Said:
     named: bool = False
 
 
-def run(seed: int, apart_s: float, noise: Sequence[float] = (), step_g: float = 0.0) -> Said:
+def run(seed: int, apart_s: float, noise: Sequence[float] = (), step_g: float = 0.0, scatter: str = "none") -> Said:
     """One series."""
     rng = np.random.default_rng(seed)
     stated = prior(np.eye(12) * 1e-10, 1e-6, 20.0, STATED, POLICY)
@@ -68,14 +77,14 @@ def run(seed: int, apart_s: float, noise: Sequence[float] = (), step_g: float = 
         truth = truth + walk * rng.standard_normal(truth.size)
         truth[axis] += size * (k == FROM)
         times = noise[k - FROM] if 0 <= k - FROM < len(noise) else 1.0
-        one = _rest(apart_s * k, truth, times, rng)
+        one = _rest(apart_s * k, truth, times, rng, scatter)
         if after is None:
             watch.still(one)
             if watch.alarm_s is not None:
                 early, after = k < FROM, k - FROM
                 named = name in watch.result().claims[0].equivalence_class
         if step_g and reached is None:
-            bound.still(one)
+            bound.still(replace(one, std_g=READ_G, scatter_g=None))
             if k >= FROM and abs(size) * np.sqrt(bound.information_of(name, FROM * apart_s)) >= need:
                 reached = k - FROM
         if early or (after is not None and (reached is not None or not step_g)):
@@ -83,13 +92,23 @@ def run(seed: int, apart_s: float, noise: Sequence[float] = (), step_g: float = 
     return Said(after is not None, early, watch.result().noise_grown, after, reached, named)
 
 
-def _rest(t_s: float, truth: Array, times: float, rng: np.random.Generator) -> Still:
+def _rest(t_s: float, truth: Array, times: float, rng: np.random.Generator, scatter: str) -> Still:
     """A mean in any attitude."""
     f = rng.standard_normal(3)
     f /= np.linalg.norm(f)
     read = (np.eye(3) + truth[3:12].reshape(3, 3)) @ f * (1.0 + truth[GRAVITY]) + truth[:3]
-    noise = times * np.hypot(READ_G, STATED.still_floor_g) * rng.standard_normal()
-    return Still(t_s, read + noise * f, READ_G, 20.0)
+    of_mean = np.hypot(READ_G, STATED.still_floor_g)
+    if scatter == "none":
+        return Still(t_s, read + times * of_mean * rng.standard_normal() * f, READ_G, 20.0)
+    rows = READ_G * np.sqrt(ROWS) * rng.standard_normal((3, ROWS)) + flicker(rng, ROWS)
+    if scatter == "rows":
+        rows *= times
+    else:
+        rows += np.sqrt(times**2 - 1.0) * of_mean * rng.standard_normal((3, 1))
+    within = scatters(ROW_S * np.arange(ROWS), rows)
+    return Still(
+        t_s, read + rows.mean(axis=1), float(np.linalg.norm(f * within[0])) / np.sqrt(ROWS), 20.0, None, within
+    )
 
 
 def _print_noise(word: str, found: list[Said]) -> None:
@@ -124,6 +143,7 @@ def main() -> None:
     parser.add_argument("--series", type=int, default=40, help="of each row")
     parser.add_argument("--first-seed", type=int, default=71_000)
     parser.add_argument("--apart-min", type=float, default=10.0, help="from one rest to the next")
+    parser.add_argument("--scatter", choices=["none", "rows", "blind"], default="none", help="what is kept of the rows")
     parser.add_argument("--only", choices=["noise", "step"], help="one of the tables")
     args = parser.parse_args()
     apart_s, seeds = 60.0 * args.apart_min, range(args.first_seed, args.first_seed + args.series)
@@ -131,7 +151,7 @@ def main() -> None:
         print("| noise | departs: false | noise grown, said |\n|---|---|---|")
         all_of = []
         for k, (word, noise) in enumerate(WAYS.items()):
-            found = [run(1000 * seed + k, apart_s, noise) for seed in seeds]
+            found = [run(1000 * seed + k, apart_s, noise, 0.0, args.scatter) for seed in seeds]
             _print_noise(word, found)
             all_of += found
         _print_noise("all", all_of)
@@ -139,7 +159,8 @@ def main() -> None:
         print("| step | alarms before it | found | rests until the alarm: 50, 95, 100 % | bound | in time | in class |")
         print("|---|---|---|---|---|---|---|")
         for k, size in enumerate(STEPS_G):
-            _print_step(size, apart_s, [run(1000 * seed + 100 + k, apart_s, (), size) for seed in seeds])
+            steps = [run(1000 * seed + 100 + k, apart_s, (), size, args.scatter) for seed in seeds]
+            _print_step(size, apart_s, steps)
 
 
 if __name__ == "__main__":

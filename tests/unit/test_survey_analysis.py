@@ -12,12 +12,16 @@ from typer.testing import CliRunner
 
 import highside
 from highside.cli.main import app
+from highside.config.settings import SurveySettings
 from highside.errors import InputError
 from highside.recording.kept_surveys import AT_REST, read_surveys
 from highside.service.messages import survey_dict
 from highside.service.outputs import AttitudeOutput, Survey, SurveyReason, SurveyVerdict
-from highside.service.rig.surveys import trusted
+from highside.service.rig.surveys import scatter_dict, trusted
+from highside.service.stillness import AxisScatter, StillnessDetector
+from highside.service.window import WindowReading, window_statistics
 from highside.watch import STATED, Still, Watch, prior_of_record
+from highside.watch.axis_noise import scatters
 from highside.watch.surveys import detectable, iscwsa_prior
 from studies.survey_analysis import Conditions, Departure, Well, calibration, run
 
@@ -64,6 +68,56 @@ def test_a_survey_as_the_service_keeps_it_gives_back_the_corrected_mean(tmp_path
     (survey,) = read_surveys(path).surveys
     assert survey.at_rest and survey.seq == 7 and survey.temp_c == 60.0
     assert survey.mean_g() == pytest.approx(mean, abs=3e-8)
+
+
+def test_a_stop_knows_what_its_axes_scatter_and_the_kept_survey_gives_it_back(tmp_path: Path) -> None:
+    """As the watch has it of rows: what the detector adds up reading by reading is what `scatters` makes of them."""
+    rng = np.random.default_rng(5)
+    t = 0.1 * np.arange(600)
+    rows = np.array([[0.3], [0.2], [0.93]]) + np.array([[1e-4], [2e-4], [4e-4]]) * rng.standard_normal((3, t.size))
+    detector = StillnessDetector(SurveySettings(still_s=30.0))
+    for first in range(0, t.size, 5):
+        part = [
+            WindowReading(float(t[k]), (float(rows[0, k]), float(rows[1, k]), float(rows[2, k])), None)
+            for k in range(first, first + 5)
+        ]
+        detector.add(window_statistics(part, (1e-8, 4e-8, 16e-8)), part, (1e-8, 4e-8, 16e-8))
+    stop = detector.cut()
+    assert stop is not None and stop.scatter is not None and stop.scatter.slow is not None
+    whole = scatters(t, rows)
+    assert stop.scatter.reading == pytest.approx(whole[0], rel=1e-9)
+    # means are closed by the output's own grid, not each 20 readings: some other readings, the same scatter
+    assert stop.scatter.slow == pytest.approx(whole[1], rel=0.35)
+    line = {"t": 1.7e9, "inc_deg": 20.0, "g_total": 1.0, "cal_id": "c", "accepted": True}
+    path = tmp_path / "surveys.jsonl"
+    path.write_text(
+        "\n".join(
+            json.dumps(line | {"t": 1e9 + k} | scatter_dict(of))
+            for k, of in enumerate((stop.scatter, AxisScatter((1e-4, 1e-4, 1e-4), None), None))
+        )
+    )
+    full, short, old = read_surveys(path).surveys
+    assert full.scatter_g() == pytest.approx(np.array(stop.scatter), abs=1e-9)
+    assert np.isnan(short.scatter_g()[1]).all() and short.scatter_g()[0] == pytest.approx([1e-4] * 3)  # type: ignore[index]
+    assert old.scatter_g() is None
+
+
+def with_scatter(lines: list[str], path: Path) -> Path:
+    """The same surveys, their axes scattering alike in all."""
+    kept = [json.loads(line) | {"scatter_mg": [[0.3, 0.3, 0.3], [0.07, 0.07, 0.07]]} for line in lines]
+    path.write_text("\n".join(map(json.dumps, kept)))
+    return path
+
+
+def test_a_step_in_surveys_that_kept_their_scatter_is_said_at_once(tmp_path: Path, tool: highside.Calibration) -> None:
+    """Means alone wait for four surveys, whether it is noise; where each says that its noise is as before, none is."""
+    lines = Well("J", 3, Conditions(60), prior_of_record(tool.record), tool.record.id, STEP).lines
+    path = tmp_path / "surveys.jsonl"
+    path.write_text("\n".join(lines))
+    alone = highside.analyse_surveys(path, tool).found.claims[0]
+    (claim,) = highside.analyse_surveys(with_scatter(lines, tmp_path / "with.jsonl"), tool).found.claims
+    assert claim.alarm_s < alone.alarm_s - 1800.0
+    assert "b_x" in claim.equivalence_class
 
 
 def test_refused_surveys_count_where_the_service_trusts_them() -> None:

@@ -103,12 +103,13 @@ def analyse_surveys(
     """Whether a calibration still holds, from the surveys that a tool kept under it (multi-station analysis).
 
     `surveys`: `surveys.jsonl` of the tool's state directory, of which `t`, `inc_deg`, `tf_deg`, `g_total`, `temp_c`,
-    `g_error_mg`, `cal_id` and `reasons` are used (`tvd_m` where it was added). `calibration`: the record they were made
-    under; its covariance is what is known beforehand. Without it the surveys of the newest calibration in the file are
-    taken, and a tool that keeps the accelerometer terms of the ISCWSA MWD model is assumed. Gravity is what the tool
-    compared Gtotal with, unless `gravity_mps2` (m/s2, with its standard deviation `gravity_std_mps2`) says better; that
-    needs `calibration`, whose bench defined the unit. Refused surveys are used where the tool was at rest under a
-    calibration. Raises InputError for a file or record that is not in order, or without one survey that can be used.
+    `g_error_mg`, `scatter_mg`, `cal_id` and `reasons` are used (`tvd_m` where it was added). `calibration`: the record
+    they were made under; its covariance is what is known beforehand. Without it the surveys of the newest calibration
+    in the file are taken, and a tool that keeps the accelerometer terms of the ISCWSA MWD model is assumed. Gravity is
+    what the tool compared Gtotal with, unless `gravity_mps2` (m/s2, with its standard deviation `gravity_std_mps2`)
+    says better; that needs `calibration`, whose bench defined the unit. Refused surveys are used where the tool was at
+    rest under a calibration. Raises InputError for a file or record that is not in order, or without one survey that
+    can be used.
     """
     kept = read_surveys(Path(surveys))
     record = calibration.record if isinstance(calibration, Calibration) else None
@@ -234,6 +235,7 @@ def _stills(used: Sequence[KeptSurvey], unit: _Unit) -> list[Still]:
                 1e-3 * noise,
                 one.temp_c,
                 depth / 1000.0 if known and depth is not None else None,
+                one.scatter_g(),
             )
         )
     return out

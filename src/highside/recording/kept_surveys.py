@@ -26,6 +26,9 @@ LONGEST_LINE = 64 * 1024
 
 Angle = Annotated[float, Field(ge=0, le=360)]
 
+Scatter = Annotated[float, Field(ge=0, le=1e6)]
+ByAxis = Annotated[list[Scatter], Field(min_length=3, max_length=3)]
+
 
 class KeptSurvey(BaseModel):
     """One line. Angles in deg, `t` in UTC epoch seconds; members that are not named here are left unread."""
@@ -46,6 +49,9 @@ class KeptSurvey(BaseModel):
     g_std: Annotated[float, Field(ge=0, le=1e3)] | None = None
     g_noise_mg: Annotated[float, Field(ge=0, le=1e6)] | None = None
     """standard deviation of Gtotal by the readings' own noise"""
+    scatter_mg: Annotated[list[ByAxis | None], Field(min_length=2, max_length=2)] | None = None
+    """standard deviation within the survey of x, y, z: of one reading, and of a mean of two seconds, where it was long
+    enough; None in surveys of before it was kept"""
     n: Annotated[int, Field(ge=0)] | None = None
     temp_c: Annotated[float, Field(ge=-274, le=1000)] | None = None
     md_m: Annotated[float, Field(ge=0, le=20_000)] | None = None
@@ -59,6 +65,12 @@ class KeptSurvey(BaseModel):
     def at_rest(self) -> bool:
         """Whether it is the mean of a tool at rest under a calibration, accepted or not."""
         return self.inc_deg is not None and self.g_total is not None and set(self.reasons) <= AT_REST
+
+    def scatter_g(self) -> Array | None:
+        """(2, 3) as `Still` has it, g; NaN what is not known, None where nothing is."""
+        if self.scatter_mg is None:
+            return None
+        return 1e-3 * np.array([[np.nan] * 3 if of is None else of for of in self.scatter_mg])
 
     def mean_g(self) -> Array:
         """(3,) the corrected mean at rest, in units of the calibration. Where toolface is not defined (a vertical

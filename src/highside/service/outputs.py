@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any, NamedTuple
 
+from highside.service.stillness import AxisScatter
+
 
 class Azimuth(NamedTuple):
     """What an attitude says about the azimuth; None where it is not known, the basis then says why."""
@@ -100,6 +102,8 @@ class Survey:
     g_std: float
     """standard deviation of one reading, root mean square over the axes"""
     verdict: SurveyVerdict
+    scatter: AxisScatter | None = None
+    """what the axes scatter within it"""
 
 
 def _finite(value: float, digits: int) -> float | None:

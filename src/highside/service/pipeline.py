@@ -349,7 +349,7 @@ class Pipeline:
 
     def _survey(self, stop: Cut, frame: Frame, t: float, *, complete: bool) -> bool:
         """Make a survey of a stop; returns whether nothing more is to be had of it."""
-        duration, mean, variance, n, temp, rotor = stop
+        duration, mean, variance, n, temp, rotor, scatter = stop
         if not any(variance):
             # not one bit of noise in all that time: a dead converter, not a still tool
             return True
@@ -359,7 +359,7 @@ class Pipeline:
         accept = self._survey_settings.accept
         verdict = judge(attitude, self.gravity, accept, max(self.shock.since_g), complete=complete)
         self.surveys += 1
-        self._emit(Survey(attitude, duration, math.sqrt(sum(variance) / 3.0), verdict))
+        self._emit(Survey(attitude, duration, math.sqrt(sum(variance) / 3.0), verdict, scatter))
         return verdict.accepted
 
     def _attitude(

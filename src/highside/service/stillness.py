@@ -10,8 +10,20 @@ from highside.config.settings import SurveySettings
 from highside.rotation.live import RotorError, mean_error
 from highside.service.window import WindowReading, WindowStatistics
 
+SLOW_S = 2.0
+"""of the means whose scatter is kept beside that of readings, as `watch.axis_noise` has them"""
 SHAKING = 16.0
 """Variance in a window, in units of the sensor's own, from which the tool shakes or turns."""
+
+
+class AxisScatter(NamedTuple):
+    """Standard deviation by axis within a stop, g, by the differences of neighbours: neither a drift nor the length of
+    the stop counts."""
+
+    reading: Vector
+    """of one reading"""
+    slow: Vector | None
+    """of a mean of two seconds; None: the stop was too short for three of them"""
 
 
 class Cut(NamedTuple):
@@ -24,6 +36,8 @@ class Cut(NamedTuple):
     n: int
     temp_c: float | None
     rotor: RotorError | None
+    scatter: AxisScatter | None = None
+    """None: fewer than three readings"""
 
 
 class StillnessDetector:
@@ -38,6 +52,14 @@ class StillnessDetector:
         self._windows = 0
         self._sum = [0.0, 0.0, 0.0]
         self._sum2 = [0.0, 0.0, 0.0]
+        self._last = [0.0, 0.0, 0.0]
+        self._steps2 = [0.0, 0.0, 0.0]
+        self._slow: list[float] = []
+        """the last mean of two seconds"""
+        self._slow_n = 0
+        self._slow_steps2 = [0.0, 0.0, 0.0]
+        self._slow_start_s, self._slow_from_n, self._slow_from = 0.0, 0, [0.0, 0.0, 0.0]
+        """when the present one began, and number and sums of readings then"""
         self._reference: Vector = (0.0, 0.0, 0.0)
         self._temp_sum, self._temp_n = 0.0, 0
         self._rotor: list[RotorError | None] = []
@@ -55,7 +77,9 @@ class StillnessDetector:
 
     def cut(self) -> Cut | None:
         """What is collected, to be kept before motion takes it away; None: nothing."""
-        return Cut(self._end_s - self._start_s, *self.mean(), mean_error(self._rotor)) if self._n else None
+        if not self._n:
+            return None
+        return Cut(self._end_s - self._start_s, *self.mean(), mean_error(self._rotor), self.scatter())
 
     def add(self, window: WindowStatistics, frames: list[WindowReading], own: Vector) -> float:
         """Take a window and the frames that are new in it; returns the seconds of stillness so far (0: it moved).
@@ -84,12 +108,16 @@ class StillnessDetector:
             return 0.0
         if not self._n:
             self._reference = frames[0].a
-            self._start_s = frames[0].t
+            self._start_s = self._slow_start_s = frames[0].t
+            self._last = [0.0, 0.0, 0.0]
         for frame in frames:
             for axis in range(3):
                 d = frame.a[axis] - self._reference[axis]
                 self._sum[axis] += d
                 self._sum2[axis] += d * d
+                step = d - self._last[axis]
+                self._steps2[axis] += step * step
+                self._last[axis] = d
             if frame.temp_c is not None:
                 self._temp_sum += frame.temp_c
                 self._temp_n += 1
@@ -98,7 +126,29 @@ class StillnessDetector:
         if frames[-1].rotor is not None:
             self._rotor.append(mean_error(frame.rotor for frame in frames))
         self._end_s = frames[-1].t
+        if self._end_s - self._slow_start_s >= SLOW_S:
+            self._end_slow()
         return self._end_s - self._start_s
+
+    def _end_slow(self) -> None:
+        """A mean of two seconds is complete."""
+        count = self._n - self._slow_from_n
+        mean = [(now - then) / count for now, then in zip(self._sum, self._slow_from, strict=True)]
+        if self._slow:
+            for axis in range(3):
+                self._slow_steps2[axis] += (mean[axis] - self._slow[axis]) ** 2
+        self._slow, self._slow_n = mean, self._slow_n + 1
+        self._slow_start_s, self._slow_from_n, self._slow_from = self._end_s, self._n, list(self._sum)
+
+    def scatter(self) -> AxisScatter | None:
+        """What single readings and means of two seconds scatter."""
+        if self._n < 3:
+            return None
+        x, y, z = (math.sqrt(steps2 / (2.0 * (self._n - 1))) for steps2 in self._steps2)
+        if self._slow_n < 3:
+            return AxisScatter((x, y, z), None)
+        slow = [math.sqrt(steps2 / (2.0 * (self._slow_n - 1))) for steps2 in self._slow_steps2]
+        return AxisScatter((x, y, z), (slow[0], slow[1], slow[2]))
 
     def mean(self) -> tuple[Vector, Vector, int, float | None]:
         """Mean (g), variance of one reading (g^2), number of readings, mean temperature."""

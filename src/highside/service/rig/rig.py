@@ -24,7 +24,7 @@ from highside.service.messages import HealthMessage, latest_payload, survey_dict
 from highside.service.outputs import AttitudeOutput, Survey
 from highside.service.pipeline import Pipeline
 from highside.service.rig.metrics import MetricsServer, Scrape
-from highside.service.rig.surveys import GravityTrend, SurveyLog, TrendPoint, trend_of, trusted
+from highside.service.rig.surveys import GravityTrend, SurveyLog, TrendPoint, scatter_dict, trend_of, trusted
 from highside.service.rig.toolface import ToolfaceLog, ToolfaceOffset
 from highside.service.rig.wits import Latest, WitsOutput
 
@@ -103,7 +103,8 @@ class Rig:
             self.refused_surveys += 1
             self.refused.update(reason.value for reason in verdict.reasons)
         noise_mg = 1e3 * survey.g_std / math.sqrt(max(attitude.n, 1))
-        self.surveys.keep(survey_dict(seq, t_wall, survey) | {"g_noise_mg": round(noise_mg, 6)})
+        kept = survey_dict(seq, t_wall, survey) | {"g_noise_mg": round(noise_mg, 6)}
+        self.surveys.keep(kept | scatter_dict(survey.scatter))
         if attitude.cal_id != self._trend_of:
             self._trend, self._trend_of = GravityTrend(), attitude.cal_id
         if trusted(verdict.reasons):

@@ -33,6 +33,7 @@ from highside.errors import InputError
 from highside.reading import parse_json
 from highside.recording.files import flush_directory
 from highside.service.outputs import AttitudeOutput, SurveyReason, SurveyVerdict
+from highside.service.stillness import AxisScatter
 from highside.units import STANDARD_GRAVITY_MPS2
 
 log = logging.getLogger(__name__)
@@ -299,6 +300,14 @@ def _survey(line: bytes) -> dict[str, Any] | None:
     if not isinstance(reasons, list) or not all(isinstance(reason, str) for reason in reasons):
         return None
     return survey if all(number is None or type(number) in (int, float) for number in numbers) else None
+
+
+def scatter_dict(scatter: AxisScatter | None) -> dict[str, Any]:
+    """Member `scatter_mg` of a kept survey, in which noise that has grown shows: of x, y, z the standard deviation of
+    one reading, and of a mean of two seconds (null: too short). Empty where it is not known."""
+    if scatter is None:
+        return {}
+    return {"scatter_mg": [None if of is None else [round(1e3 * value, 6) for value in of] for of in scatter]}
 
 
 def _ends_torn(path: Path) -> bool:
