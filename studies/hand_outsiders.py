@@ -12,7 +12,8 @@ wrong: a name, of which 40 units of the law's strength or more lie outside, alon
 which less lies outside; or: a wrong name, but a law of the same quantity is told as a rival; law: laws alone, of that
 quantity (`other law`: of others); refused: `unknown`, `wander`, `partial`, `not_testable`; nothing: `nothing_left_out`.
 Of effects: named, alone or with names that do the same; tied: a law is told as a rival; law: a law in its place;
-resembles: that law is said to resemble it.
+resembles: that law is said to resemble it; implausible: the name, of a size that no instrument has, alone (`other
+implausible`: other names; of laws any).
 """
 
 from __future__ import annotations
@@ -183,6 +184,8 @@ def _columns(name: str, at: float, load: Array, temp: Array, time: Array) -> lis
 def judged(found: dict[str, Any], one: Case) -> str:
     """What became of what was hidden."""
     claims, kind = found["claims"], one.kind
+    if not claims and found["verdict"] == "implausible_fit":
+        return "implausible" if one.name in found["remainder"]["resembles"] else "other implausible"
     if not claims:
         return "nothing" if found["verdict"] == "nothing_left_out" else "refused"
     if kind == "nulls":

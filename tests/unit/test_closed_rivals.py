@@ -65,3 +65,21 @@ def test_what_needs_no_clock_keeps_its_name_in_a_table_without_times() -> None:
     case = hand_outsiders.case("effects", 504, 4e3)
     found = highside.diagnose({name: v for name, v in case.columns.items() if name != "t_s"}, MODEL).found
     assert [c.effect for c in found.claims] == ["quadratic"]
+
+
+@pytest.mark.parametrize("seed", [506, 513])
+def test_a_name_that_grows_beyond_its_plausible_range_is_refused_by_name(seed: int) -> None:
+    """A modulus and a square of 20 mg and more: laws do not take what the name explains, and what an offset
+    that was fitted without it does to |g| beyond first order is no law."""
+    case = hand_outsiders.case("effects", seed, 1e6)
+    found = highside.diagnose(case.columns, MODEL).to_dict()
+    assert found["verdict"] == "implausible_fit"
+    assert found["remainder"]["resembles"][0] == case.name
+    assert "of a size that no instrument has" in found["remainder"]["hints"][0]
+
+
+def test_a_large_law_that_names_of_no_plausible_size_only_approximate_is_a_law() -> None:
+    """A power 1.5 of the temperature, which a line and a square of it make together."""
+    case = hand_outsiders.case("laws", 518, 1e6)
+    found = highside.diagnose(case.columns, MODEL).to_dict()
+    assert [c["depends_on"] for c in found["claims"]] == [["temp"]]

@@ -68,16 +68,14 @@ def with_laws(
 
     `model` is the one against which it was diagnosed, its free effects fitted.
     """
-    if diagnosis.verdict in UNTOUCHED:
-        return diagnosis, report
-    left, given = float(np.sum(report.after**2)), float(np.sum(report.before**2))
-    if diagnosis.claims and left < LAW_VERDICT.least_share * given:
-        # no law of what is left could have the least share
+    if diagnosis.verdict in UNTOUCHED or _explained(diagnosis, report):
         return diagnosis, report
     chain = tuple(c for c in diagnosis.claims if not library.registry()[c.effect].random)
     known = {c.effect for c in chain}
     changing = diagnosis.remainder.changing
     near = [name for name in diagnosis.remainder.resembles if name not in changing]
+    if (refused := _refused_by_name(session, model, diagnosis, report.withheld)) is not None:
+        return refused, report
     outcome = _chosen(session, model, chain, near, frozenset(changing))
     random_walk = diagnosis.verdict == "wander"
     outcome = replace(
@@ -155,6 +153,12 @@ def location_of(law: Claim) -> Location:
     return Location(law.channels, along, intervals, None, law.share or 0.0, law.p_familywise)
 
 
+def _explained(diagnosis: DiagnosisResult, report: ReportData) -> bool:
+    """Whether no law of what the claims leave could have the least share."""
+    left, given = float(np.sum(report.after**2)), float(np.sum(report.before**2))
+    return bool(diagnosis.claims) and left < LAW_VERDICT.least_share * given
+
+
 def _believed(one: ReportedLaw, outcome: _Outcome, random_walk: bool) -> bool:
     """Whether a law is more than what strong names leave of themselves, or than a random walk that was found."""
     claim = one.claim
@@ -168,12 +172,32 @@ def _believed(one: ReportedLaw, outcome: _Outcome, random_walk: bool) -> bool:
     return not (random_walk and slow) or claim.p_familywise <= np.exp(-LAW_VERDICT.beside_random_walk)
 
 
+def _refused_by_name(
+    session: LawSession, model: ForwardModel, diagnosis: DiagnosisResult, withheld: Sequence[Claim]
+) -> DiagnosisResult | None:
+    """What one name explains at a size that no instrument has; None where a law does more, or the same.
+
+    That its size is not plausible gives laws no right to what a name explains. Several such names may bend together as
+    one law does, and stand for it.
+    """
+    if len(withheld) != 1 or diagnosis.remainder.changing:
+        return None
+    outcome = _chosen(session, model, withheld, diagnosis.remainder.resembles, frozenset())
+    tied = any(one.startswith(PREFIX) for claim in outcome.names for one in claim.equivalence_class)
+    return None if outcome.laws or tied or not outcome.names else _refused(diagnosis, outcome)
+
+
 def _refused(diagnosis: DiagnosisResult, outcome: _Outcome) -> DiagnosisResult:
     """What names explain at sizes that no instrument has, with these names."""
-    names = tuple(claim.effect for claim in outcome.names)
+    if len(outcome.names) == 1:
+        alike = outcome.names[0].equivalence_class
+        names = tuple(dict.fromkeys((outcome.names[0].effect, *(n for n in alike if not n.startswith(PREFIX)))))
+    else:
+        names = tuple(claim.effect for claim in outcome.names)
     others = tuple(name for name in diagnosis.remainder.resembles if name not in names)
     remainder = replace(diagnosis.remainder, resembles=(*names, *others))
-    words = f"only {' and '.join(map(title_of, names))} would explain it, of a size that no instrument has"
+    told = (" or " if len(outcome.names) == 1 else " and ").join(map(title_of, names))
+    words = f"only {told} would explain it, of a size that no instrument has"
     return hinted(replace(diagnosis, verdict="implausible_fit", remainder=remainder), words)
 
 
@@ -192,6 +216,7 @@ def _chosen(
     if not claims:
         return _alone(session, model, near, refused)
     values = {c.effect: values_of_claim(session, model, c) for c in claims}
+    model = session.beside(model, values)
     named = model.with_effects(values)
     # a name has a right to all that a fit may move of it, its time constants too
     names = [f"{c.effect}.{p.name}" for c in claims for p in named.effect(c.effect).parameters if p.fitted]

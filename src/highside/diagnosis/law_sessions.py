@@ -6,7 +6,7 @@ its time, and averaging loses no strength. A few thousand values stand for any n
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Protocol
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from highside.arrays import Array
 from highside.diagnosis.core.candidates import shapes_tried, step_times
+from highside.diagnosis.core.fit import base_fit
 from highside.diagnosis.core.floor import lattice_step
 from highside.diagnosis.core.observed import ObservationModel, Observed
 from highside.diagnosis.laws.chain import OF_POSES, OF_ROTATION, chain_problem, covariate_values, unit_law
@@ -36,6 +37,8 @@ from highside.physics.places import PLACES
 from highside.physics.state import ChainState
 
 Ints = NDArray[np.intp]
+Effects = Mapping[str, Mapping[str, float]]
+"""values of the parameters of effects, by effect"""
 OF_MAGNITUDES = ("offset", "scale", "scale_all", "matrix")
 
 
@@ -138,6 +141,10 @@ class ChainSession:
         """(..., n) -> (..., m)."""
         return values if self.cells is None else self.cells.mean(values)
 
+    def beside(self, model: ForwardModel, values: Effects) -> ForwardModel:
+        """The model itself: readings of known attitude are in proportion to what is free."""
+        return model
+
     def residual(self, model: ForwardModel) -> Array:
         """(C, m) readings minus the model."""
         return self.reduced(self.observed.residual(model))
@@ -210,6 +217,18 @@ class MagnitudeLaws:
         if session.floor is not None:
             floor = np.maximum(floor, session.floor.sigma)
         return cls(session, observed, tuple(free), floor)
+
+    def beside(self, model: ForwardModel, values: Effects) -> ForwardModel:
+        """The model, what is free fitted beside effects of these values.
+
+        Fitted without them an offset takes a part of what they do, and a tenth of a g of offset lengthens |g| by 5 mg
+        beyond first order, which laws would stand for.
+        """
+        fitted = base_fit(model.with_effects(values), self.observed, self.free)[0]
+        known = model.parameters()
+        kept = {name: known[name] for name in values if name in known}
+        fitted = fitted.without(*(name for name in values if name not in known))
+        return fitted.with_effects(kept) if kept else fitted
 
     def residual(self, model: ForwardModel) -> Array:
         """(1, n) |g| - 1."""
@@ -284,6 +303,7 @@ class LawSession(Protocol):
     def floor(self) -> Array: ...
     @property
     def observed(self) -> ObservationModel: ...
+    def beside(self, model: ForwardModel, values: Effects) -> ForwardModel: ...
     def residual(self, model: ForwardModel) -> Array: ...
     def problem(self, model: ForwardModel, residual: Array, also: Sequence[str] = ()) -> LawProblem: ...
     def derivatives(self, model: ForwardModel, wanted: Sequence[tuple[Effect, Array]]) -> list[Array]: ...

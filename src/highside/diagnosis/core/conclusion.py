@@ -91,8 +91,7 @@ def conclude(
 
     resembles = tuple(problem.variant(m).label or problem.candidates[m.candidate].id for m in terms)
     claiming = verdict in ("named", "named_plus")
-    pairs = zip(terms, rivalries, strict=True) if claiming else ()
-    claims = tuple(_claim(problem, selection, m, r, fit) for m, r in pairs)
+    claims, withheld = _claims(problem, selection, rivalries, fit, verdict)
     location = (
         _located(problem, selection, terms, share)
         if claiming
@@ -118,8 +117,19 @@ def conclude(
     )
     diagnosis = checked(problem, selection, diagnosis, correlation.memories, changing)
     scores = effect_scores(selector, problem.pooled_laws(selection.noise))
-    report_data = replace(problem.report_data(fit if named else None), scores=scores)
+    report_data = replace(problem.report_data(fit if named else None), scores=scores, withheld=withheld)
     return without_rounding(problem, problem.completed(diagnosis)), report_data
+
+
+def _claims(
+    problem: Problem[N], selection: SelectionState[N], rivalries: Sequence[Rivalry], fit: JointFit, verdict: Verdict
+) -> tuple[tuple[Claim, ...], tuple[Claim, ...]]:
+    """What is claimed, and what is withheld because its size is not plausible."""
+    if verdict not in ("named", "named_plus", "implausible_fit"):
+        return (), ()
+    pairs = zip(selection.terms, rivalries, strict=True)
+    found = tuple(_claim(problem, selection, term, rivals, fit) for term, rivals in pairs)
+    return ((), found) if verdict == "implausible_fit" else (found, ())
 
 
 def _explained_share(problem: Problem[N], selection: SelectionState[N], after: _Scanned) -> float:

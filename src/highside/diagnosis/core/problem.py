@@ -25,7 +25,7 @@ from highside.diagnosis.core.method import WHOLE, ProcedureParts
 from highside.diagnosis.core.observed import ObservationModel
 from highside.diagnosis.core.problem_policy import ProblemPolicy
 from highside.diagnosis.core.repeatability import Remaining
-from highside.diagnosis.core.result import DiagnosisResult, Fit, Location
+from highside.diagnosis.core.result import Claim, DiagnosisResult, Fit, Location
 from highside.diagnosis.core.rivals import Refitted, Rivalry
 from highside.diagnosis.core.selection import Selector
 from highside.diagnosis.core.stability import Stability
@@ -79,6 +79,8 @@ class ReportData:
     """noise of one row of each channel"""
     scores: EffectScores | None = None
     """of every testable effect, for what is pooled over recordings"""
+    withheld: tuple[Claim, ...] = ()
+    """names at sizes that no instrument has: laws compete with them, and they are not claimed"""
 
 
 def parts_of(base: ForwardModel, fit: JointFit | None, observed: ObservationModel) -> dict[str, Array]:
