@@ -66,6 +66,15 @@ def test_at_one_inclination_a_load_is_the_toolface_and_no_angle_follows_it() -> 
     assert not [g for g in groups if g.place in ("inclination", "toolface") and "load_x" in g.depends_on]
 
 
+def test_a_scale_factor_that_follows_another_load_is_no_product() -> None:
+    state = session(4, 80)
+    load = gravity_direction(state.inc_rad, state.tf_rad)
+    added = np.zeros_like(load)
+    added[2] = 2e-3 * load[2] * np.tanh(3 * load[0] - 1)
+    found = Search(problem_of(state, added, 5)).run()
+    assert kinds(found) == [("scale", "z", ("load_x",))]
+
+
 def test_a_product_of_any_two_covariates_is_found() -> None:
     state = session(5, 90)
     load = gravity_direction(state.inc_rad, state.tf_rad)

@@ -1,6 +1,6 @@
 """Variants of a law that was found: one that sets in midway, a step or decay between the times that are tried, one of a
 temperature that lags by another time constant, a product with finer functions, one that is straight or bent once in one
-of its two quantities.
+of its two quantities, a scale factor that follows another load.
 
 They are tried in the place of a group that was chosen, not of every group: a hundred onsets of each would be most of a
 search, and a group that acts for a part of the session, or is drawn too smooth, is found as itself first.
@@ -13,8 +13,8 @@ from dataclasses import replace
 import numpy as np
 
 from highside.arrays import Array
-from highside.diagnosis.laws.groups import LawGroup, axis_of, values_of
-from highside.diagnosis.laws.policy import LAW_GROUPS
+from highside.diagnosis.laws.groups import LawGroup, axis_of, one_quantity, values_of
+from highside.diagnosis.laws.policy import LAW_GROUPS, LAW_SEARCH
 from highside.diagnosis.laws.problem import LawProblem
 from highside.physics.covariates import COVARIATES, FILTERED
 from highside.physics.law import Axis, Function
@@ -41,6 +41,7 @@ def variants_of(problem: LawProblem, group: LawGroup) -> list[LawGroup]:
         *_factors(problem, group),
         *_lagging(problem, group),
         *_simple_in_one(problem, group),
+        *_as_scale(problem, group),
     ]
 
 
@@ -180,6 +181,31 @@ def _factors(problem: LawProblem, group: LawGroup) -> list[LawGroup]:
         fine, _ = axis_of(axis.covariate, values, count, constant=constant, turns=1)
         basis, order = _product(problem, group, [fine])
         made.append(replace(group, axes=(fine,), order=order, basis=basis, tries=2))
+    return made
+
+
+def _as_scale(problem: LawProblem, group: LawGroup) -> list[LawGroup]:
+    """An offset that follows the own load and another one, as a scale factor that follows the other alone.
+
+    Scale factors are not tried with loads: most of such laws are nonlinearities, which the product of two loads holds.
+    """
+    if group.place != "offset" or len(group.units) != 1 or len(group.axes) != 2 or "load" not in problem.covariates:
+        return []
+    unit = group.units[0]
+    scale = next((p for p in problem.places if p.place == "scale" and p.channel == unit.channel), None)
+    if scale is None or scale.own < 0:
+        return []
+    own, made = values_of(problem, "load", unit), []
+    for first, other in (group.axes, group.axes[::-1]):
+        values = values_of(problem, first.covariate, unit)
+        if not other.covariate.startswith("load") or not one_quantity(values, own, LAW_SEARCH.one_quantity):
+            continue
+        values = values_of(problem, other.covariate, unit)
+        distinct = np.unique(np.round(values / (LAW_GROUPS.distinct * max(float(np.ptp(values)), 1e-300)))).size
+        count = min(LAW_GROUPS.cosines, distinct - 1)
+        axis, _ = axis_of(other.covariate, values, count, constant=PLACES["scale"].constant, turns=1)
+        basis, order = _product(problem, group, [axis])
+        made.append(replace(group, units=(scale,), axes=(axis,), order=order, basis=basis, tries=2))
     return made
 
 
