@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 from babel.messages.mofile import write_mo
@@ -25,3 +26,10 @@ def put_in_brackets(folder: Path) -> None:
                 message.string = marked if message.pluralizable else marked[0]
         with (folder / inside / "highside.mo").open("wb") as file:
             write_mo(file, known)
+
+
+def outside(text: str, between: str = "") -> str:
+    """What stands outside of all brackets; `between` in the place of each."""
+    while (shorter := re.sub("⟦[^⟦⟧]*⟧", between, text)) != text:
+        text = shorter
+    return text

@@ -49,6 +49,21 @@ def project_root() -> Path:
     return ROOT
 
 
+@pytest.fixture
+def brackets(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """German is a language in which each message stands in brackets."""
+    from highside.words import catalogue
+    from tests.brackets import put_in_brackets
+
+    put_in_brackets(tmp_path)
+    monkeypatch.setattr(catalogue, "LOCALE", tmp_path)
+    for kept in (catalogue.catalogue, catalogue._told):
+        kept.cache_clear()
+    yield
+    for kept in (catalogue.catalogue, catalogue._told):
+        kept.cache_clear()
+
+
 @pytest.fixture(params=["compiled", "numpy"])
 def engine(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
     """Bulk corrections by the compiled loops, then by numpy, whatever the number of readings."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import html
 import re
-from collections.abc import Iterator
 from datetime import date
 from pathlib import Path
 
@@ -32,7 +31,7 @@ from highside.report.certificate_inputs import Inputs
 from highside.report.certificate_photographs import BYTES_MAX, SHOWN_MAX
 from highside.report.session_page import session_page
 from highside.words import LANGUAGES, catalogue, in_language
-from tests.brackets import put_in_brackets
+from tests.brackets import outside
 from tests.photograph import a_photograph
 
 OTHERS = sorted(set(LANGUAGES) - {"en"})
@@ -138,26 +137,11 @@ def test_no_english_sentence_is_left_and_numbers_are_alike(
     assert sum(1 for part in known.values() if part in first["certificate"]) > 40
 
 
-@pytest.fixture
-def brackets(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """German is a language in which each message stands in brackets."""
-    put_in_brackets(tmp_path)
-    monkeypatch.setattr(catalogue, "LOCALE", tmp_path)
-    for kept in (catalogue.catalogue, catalogue._told):
-        kept.cache_clear()
-    yield
-    for kept in (catalogue.catalogue, catalogue._told):
-        kept.cache_clear()
-
-
 @pytest.mark.usefixtures("brackets")
 def test_no_word_of_a_document_escapes(done: tuple[Journal, Path, CalibrationRecord]) -> None:
     found = {}
     for name, text in documents(done, "de", bare=True).items():
-        left = text
-        while (shorter := re.sub("⟦[^⟦⟧]*⟧", " ", left)) != left:
-            left = shorter
-        words = set(re.findall(r"[^\W\d_]{3,}", NAMES.sub(" ", left)))
+        words = set(re.findall(r"[^\W\d_]{3,}", NAMES.sub(" ", outside(text, " "))))
         found[name] = words
     assert {name: words for name, words in found.items() if words} == {}
 

@@ -90,7 +90,7 @@ def test_due_is_when_the_error_reaches_the_limit() -> None:
 def test_too_few_repeats_are_refused_in_words() -> None:
     rng = np.random.default_rng(4)
     found = stability(history(rng, "a", STABILITY.fewest_pairs), 0.1)
-    assert not found.random_walks and f"{STABILITY.fewest_pairs - 1} repeated" in found.refused
+    assert not found.random_walks and f"repeated calibrations: {STABILITY.fewest_pairs - 1};" in found.refused
 
 
 def test_records_of_a_folder_are_judged(tmp_path: Path) -> None:

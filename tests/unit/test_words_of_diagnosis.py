@@ -38,7 +38,7 @@ from highside.watch.result import WatchResult
 from highside.watch.surveys import Detectable
 from highside.words import LANGUAGES, catalogue, in_language
 from highside.words.marked import in_words
-from tests.brackets import put_in_brackets
+from tests.brackets import outside
 
 SOURCES = Path(catalogue.__file__).parents[1] / "diagnosis"
 OTHERS = sorted(set(LANGUAGES) - {"en"})
@@ -98,25 +98,6 @@ def texts(node: ast.AST) -> Iterator[str]:
             yield text.replace("{factor}", "are 7 times").partition("; gain = ")[0]
         if text is None:
             yield from texts(child)
-
-
-@pytest.fixture
-def brackets(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """German is a language in which each message stands in brackets."""
-    put_in_brackets(tmp_path)
-    monkeypatch.setattr(catalogue, "LOCALE", tmp_path)
-    for kept in (catalogue.catalogue, catalogue._told):
-        kept.cache_clear()
-    yield
-    for kept in (catalogue.catalogue, catalogue._told):
-        kept.cache_clear()
-
-
-def outside(text: str) -> str:
-    """What stands outside of all brackets."""
-    while (shorter := re.sub("⟦[^⟦⟧]*⟧", "", text)) != text:
-        text = shorter
-    return text
 
 
 @pytest.mark.usefixtures("brackets")

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from highside.cli.options import PageLanguage
 from highside.cli.say import echo, echo_json
 
 if TYPE_CHECKING:
@@ -97,6 +98,7 @@ def summary_command(
         str | None, typer.Option("--order", help="Column along which a change is looked for (a serial number, a date).")
     ] = None,
     html: Annotated[Path | None, typer.Option("--html", help="Report to write.")] = None,
+    language: PageLanguage = "en",
     as_json: Json = False,
 ) -> None:
     """Say what physics the tools of a lot share, and which tools stand out."""
@@ -104,10 +106,13 @@ def summary_command(
     from highside.fleet.parts import PartStore
     from highside.fleet.summary import summarise
     from highside.recording.files import write_whole
+    from highside.words import in_language
 
     found = summarise(PartStore.existing(folder), by=by, order=order)
     if html is not None:
-        write_whole(html, page_of(found, folder.resolve().name).encode())
+        with in_language(language):
+            page = page_of(found, folder.resolve().name)
+        write_whole(html, page.encode())
     if as_json:
         echo_json(json.dumps(found.to_dict(), indent=1))
         return
@@ -130,12 +135,14 @@ def records_command(
         float, typer.Option("--limit-deg", help="Of the direction of gravity, k = 2: at which a calibration is due.")
     ] = 0.1,
     html: Annotated[Path | None, typer.Option("--html", help="Report to write.")] = None,
+    language: PageLanguage = "en",
     as_json: Json = False,
 ) -> None:
     """Say how fast sensors wander from calibration to calibration, which departed, and when the next is due."""
     from highside.errors import InputError
     from highside.fleet.records import page_of_records, read_history, sentence_of_records, to_dict
     from highside.recording.files import write_whole
+    from highside.words import in_language
 
     if not 0.0 < limit_deg < 90.0:
         raise InputError(f"{limit_deg:g} is no limit", field="--limit-deg", remedy="between 0 and 90")
@@ -143,7 +150,9 @@ def records_command(
         raise InputError("is not a folder", where=str(folder), field="DIR", remedy="name the folder of a store")
     found, omitted = read_history(folder, limit_deg)
     if html is not None:
-        write_whole(html, page_of_records(found, omitted, folder.resolve().name).encode())
+        with in_language(language):
+            page = page_of_records(found, omitted, folder.resolve().name)
+        write_whole(html, page.encode())
     if as_json:
         echo_json(json.dumps(to_dict(found, omitted), indent=1))
         return

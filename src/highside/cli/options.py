@@ -15,6 +15,9 @@ from highside.errors import HighsideError, InputError
 Language = Annotated[
     Literal["en", "de", "nb", "es"], typer.Option("--language", help="Of report.html and of what is printed.")
 ]
+PageLanguage = Annotated[
+    Literal["en", "de", "nb", "es"], typer.Option("--language", help="Of the page that --html writes.")
+]
 _ARGUMENT = re.compile(
     r"\b(align|axial|azimuths|calibration|depths|model|of|rate_terms|reference|rest|simulation|tool)=(?:'([\w.]+)'|\"([\w.]+)\")?"
 )

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
-from highside.cli.options import as_options
+from highside.cli.options import PageLanguage, as_options
 from highside.cli.say import echo, echo_json
 from highside.cli.self_fit import fit_self
 from highside.cli.turntable import turntable
@@ -64,6 +64,7 @@ def fit_command(
     roll_deg: Annotated[float | None, typer.Option(help="Roll of the vehicle at which it was recorded.")] = None,
     pitch_deg: Annotated[float | None, typer.Option(help="Pitch of the vehicle at which it was recorded.")] = None,
     html: PageOption = None,
+    language: PageLanguage = "en",
     as_json: JsonOption = False,
 ) -> None:
     """Fit each error of a recording against the rotor angle and write a compensation."""
@@ -85,8 +86,10 @@ def fit_command(
     page = None
     if html is not None:
         from highside.report.rotation_page import fit_page
+        from highside.words import in_language
 
-        page = fit_page(compensation, found.samples)
+        with in_language(language):
+            page = fit_page(compensation, found.samples)
     write_whole(output, compensation.to_json().encode())
     if html is not None and page is not None:
         write_whole(html, page.encode())
@@ -153,6 +156,7 @@ def compare(
     network_input: Annotated[InputName, typer.Option(help="For the network.")] = InputName.SCALED,
     seed: Annotated[int, typer.Option(help="For the network: its first weights.")] = 0,
     html: PageOption = None,
+    language: PageLanguage = "en",
     as_json: JsonOption = False,
 ) -> None:
     """Fit all methods to the same rows: residuals, errors on whole turns not used by the fit, both relative to sine."""
@@ -184,9 +188,11 @@ def compare(
     if html is not None:
         from highside.recording.files import write_whole
         from highside.report.rotation_page import compare_page
+        from highside.words import in_language
 
         compared = {channel: (samples, comparison) for channel, (samples, comparison, _) in found.items()}
-        write_whole(html, compare_page(recording.name, compared).encode())
+        with in_language(language):
+            write_whole(html, compare_page(recording.name, compared).encode())
     if as_json:
         echo_json(json.dumps({"recording": str(recording), "channels": result}))
         return

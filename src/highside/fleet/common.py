@@ -17,6 +17,7 @@ from scipy.special import stdtr, stdtrit
 from highside.arrays import Array
 from highside.fleet.policy import COMMON, POOLING
 from highside.fleet.pooling import Pooled, between_tools, conspicuous, left_out, marginal, outlying, pool
+from highside.words import said
 
 __all__ = ["Change", "Common", "LotScores", "LotTested", "Outlier", "Proof", "ToolScores", "judge"]
 
@@ -146,7 +147,11 @@ def judge(lots: Sequence[LotScores], parameters: Sequence[str]) -> list[LotTeste
     found = []
     for lot in lots:
         if lot not in able:
-            why = f"{len(lot.tools)} tools; {COMMON.fewest_tools} are needed to tell what they share from chance"
+            why = said(
+                "tools: %(tools)s; %(needed)s are needed to tell what they share from chance",
+                tools=len(lot.tools),
+                needed=COMMON.fewest_tools,
+            )
             found.append(LotTested(lot.lot, len(lot.tools), refused=why))
             continue
         number = able.index(lot)

@@ -13,6 +13,8 @@ from highside.fleet.stability import NAMES, Stability, ToolHistory, point_of, st
 from highside.recording.calibration_store import read_record
 from highside.report.document import Page
 from highside.report.plots import new_figure, plotting
+from highside.words import _, from_to, told
+from highside.words.marked import in_words
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -96,60 +98,90 @@ def _utc(at_s: float) -> str:
 
 def sentence_of_records(found: Stability) -> str:
     """The answer in one sentence."""
-    count = sum(len(tool.points) for tool in found.tools)
+    calibrations = _(
+        "Calibrations: %(count)s, tools: %(tools)s",
+        count=sum(len(tool.points) for tool in found.tools),
+        tools=len(found.tools),
+    )
     if found.refused:
-        return f"{count} calibrations of {len(found.tools)} tools: {found.refused}."
+        return f"{calibrations}. {_sentence(told(found.refused))}."
     departed = [tool.tool for tool in found.tools if tool.departures]
     due = [tool for tool in found.tools if tool.due_s is not None]
-    said = f"{count} calibrations of {len(found.tools)} tools: "
-    said += f"{', '.join(departed)} departed" if departed else "every calibration agrees with the one before"
+    if departed:
+        words = [_("These departed: %(tools)s", tools=", ".join(departed))]
+    else:
+        words = [_("Every calibration agrees with the one before")]
     if due:
         first = min(due, key=lambda tool: tool.due_s or 0.0)
-        said += f"; the first that is due is {first.tool}, on {_utc(first.due_s or 0.0)[:10]}"
-    return said + "."
+        words.append(
+            _("The first that is due is %(tool)s, on %(day)s", tool=first.tool, day=_utc(first.due_s or 0.0)[:10])
+        )
+    return ". ".join([calibrations, *words]) + "."
+
+
+def _sentence(text: str) -> str:
+    return text[:1].upper() + text[1:]
 
 
 def page_of_records(found: Stability, omitted: dict[str, str], title: str) -> str:
     """The report as HTML. Raises InputError where matplotlib is not installed."""
     with plotting():
-        page = Page(f"Calibrations over time: {title}")
+        page = Page(_("Calibrations over time: %(title)s", title=title))
         departed = [tool for tool in found.tools if tool.departures]
         kind = "open" if found.refused else "found" if departed else "good"
-        page.badge(f"{len(departed)} departed", kind, sentence_of_records(found))
+        page.badge(_("%(count)s departed", count=len(departed)), kind, sentence_of_records(found))
         if found.random_walks:
-            page.heading("Random walk of the sensors")
-            page.table(
-                ["parameter", "after a day", "after a year", "95 %, after a year", "unit"],
-                [
-                    [
-                        random_walk.parameter,
-                        f"{random_walk.rate:.2g}",
-                        f"{random_walk.rate * np.sqrt(365):.2g}",
-                        f"{random_walk.low * np.sqrt(365):.2g} to {random_walk.high * np.sqrt(365):.2g}",
-                        _unit(random_walk.parameter),
-                    ]
-                    for random_walk in found.random_walks
-                ],
-                caption=f"one standard deviation, from {found.pairs} repeated calibrations",
-                words=(0, 4),
-            )
-        page.heading("Tools")
+            _walks(page, found)
+        page.heading(_("Tools"))
         page.table(
-            ["tool", "calibrations", "last", "next due", "departures"],
+            [_("tool"), _("calibrations"), _("last calibration"), _("next due"), _("departures")],
             [_row(tool) for tool in found.tools],
-            caption=f"due: when gravity's direction is uncertain by {found.limit_deg:g} deg (k = 2) at worst",
+            caption=_(
+                "due: when gravity's direction is uncertain by %(limit)s deg (k = 2) at worst",
+                limit=f"{found.limit_deg:g}",
+            ),
             words=(0, 2, 3, 4),
         )
         for tool in _charted(found):
-            page.figure(_chart(tool, found), f"{tool.tool}: each calibration less the first, with twice its own error.")
+            caption = _("%(tool)s: each calibration less the first, with twice its own error.", tool=tool.tool)
+            page.figure(_chart(tool, found), caption)
         if omitted:
-            with page.folded(f"{len(omitted)} files that are left out"):
-                page.table(["file", "why"], [list(pair) for pair in omitted.items()], words=(0, 1))
+            with page.folded(_("Files that are left out: %(count)s", count=len(omitted))):
+                rows = [[path, in_words(why)] for path, why in omitted.items()]
+                page.table([_("file"), _("why")], rows, words=(0, 1))
         return page.html()
 
 
+def _walks(page: Page, found: Stability) -> None:
+    page.heading(_("Random walk of the sensors"))
+    year = np.sqrt(365)
+    page.table(
+        [_("parameter"), _("after a day"), _("after a year"), _("95 %% of it, after a year") % {}, _("unit")],
+        [
+            [
+                one.parameter,
+                f"{one.rate:.2g}",
+                f"{one.rate * year:.2g}",
+                from_to(f"{one.low * year:.2g}", f"{one.high * year:.2g}"),
+                _unit(one.parameter),
+            ]
+            for one in found.random_walks
+        ],
+        caption=_("one standard deviation, from repeated calibrations: %(count)s", count=found.pairs),
+        words=(0, 4),
+    )
+
+
 def _row(tool: ToolHistory) -> list[str]:
-    departures = [f"{one.parameter} by {one.change:.2g} on {_utc(one.at_s)[:10]}" for one in tool.departures]
+    departures = [
+        _(
+            "%(parameter)s by %(size)s on %(day)s",
+            parameter=one.parameter,
+            size=f"{one.change:.2g}",
+            day=_utc(one.at_s)[:10],
+        )
+        for one in tool.departures
+    ]
     due = "-" if tool.due_s is None else _utc(tool.due_s)[:10]
     return [tool.tool, str(len(tool.points)), _utc(tool.points[-1].at_s)[:10], due, "; ".join(departures) or "-"]
 
@@ -178,5 +210,5 @@ def _chart(tool: ToolHistory, found: Stability) -> Figure:
         for one in tool.departures:
             if one.parameter == name:
                 axes.axvline((one.at_s - tool.points[0].at_s) / DAY_S, color="#c2447d", linestyle=":")
-        axes.set(title=f"{name}, m{_unit(name)}", xlabel="days")
+        axes.set(title=f"{name}, m{_unit(name)}", xlabel=_("days"))
     return figure

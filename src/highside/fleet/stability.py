@@ -22,6 +22,7 @@ from highside.calibration.sensor import MATRIX_NAMES, OFFSET_NAMES
 from highside.errors import InputError
 from highside.fleet.policy import STABILITY
 from highside.physics.gravity import gravity_direction, gravity_jacobians
+from highside.words import said
 
 __all__ = ["NAMES", "Departure", "Point", "RandomWalk", "Stability", "ToolHistory", "point_of", "stability"]
 
@@ -111,8 +112,10 @@ def stability(points: Sequence[Point], limit_deg: float) -> Stability:
         by_tool.setdefault(point.tool, []).append(point)
     pairs = sum(len(own) - 1 for own in by_tool.values())
     if pairs < STABILITY.fewest_pairs:
-        why = (
-            f"{pairs} repeated calibrations; {STABILITY.fewest_pairs} are needed to state a random walk of the sensors"
+        why = said(
+            "repeated calibrations: %(pairs)s; %(needed)s are needed to state a random walk of the sensors",
+            pairs=pairs,
+            needed=STABILITY.fewest_pairs,
         )
         plain = tuple(ToolHistory(tool, tuple(own), (), None) for tool, own in sorted(by_tool.items()))
         return Stability((), plain, pairs, limit_deg, why)

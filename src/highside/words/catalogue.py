@@ -16,6 +16,7 @@ from typing import Any
 from highside.words.said import Said
 from highside.words.sentences import SENTENCES
 from highside.words.sentences_of_diagnosis import DIAGNOSIS
+from highside.words.sentences_of_rotation import ROTATION
 from highside.words.sentences_of_watch import WATCH
 
 LANGUAGES = {"en": "English", "de": "Deutsch", "nb": "Norsk", "es": "Español"}
@@ -89,10 +90,10 @@ def told(text: str, of: str = "") -> str:
     return text if len(text) > TOLD_MAX else _told(text, language(), NESTED_MAX, of)
 
 
-LISTS = {"": (), "diagnosis": DIAGNOSIS, "watch": WATCH}
+LISTS = {"": (), "diagnosis": DIAGNOSIS, "rotation": ROTATION, "watch": WATCH}
 """Sentences that are known beside `SENTENCES`, by what is told."""
 _JOINTS = ("; ", ": ", " and ", ", ")
-"""Between the sentences, and in the listings, of a diagnosis or a watch."""
+"""Between the sentences, and in the listings, of those that `LISTS` names."""
 
 
 def _value(value: Any) -> Any:

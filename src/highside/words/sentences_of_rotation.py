@@ -1,0 +1,70 @@
+"""What a compensation by the rotor angle says beside its curves: remarks of a fit, which its file keeps, and why a
+method was refused. Made in English where it is found (`rotation`), and told where a page shows it (`told`, of
+`ROTATION`).
+"""
+
+from __future__ import annotations
+
+from highside.words.marks import said_later
+
+REMARKS = (
+    said_later("no rows from %(start)s deg over %(size)s deg of the turn: the compensation is a guess in there"),
+    said_later("%(share)s %% of the rows lie more than four standard deviations off: held down"),
+    said_later(
+        "the highest order that these rows can carry (%(order)s) was taken: finer structure may be left; more rows over"
+        " more of the turn would show it"
+    ),
+    said_later("from four positions: a third harmonic would pass for the first"),
+    said_later(
+        "rate term %(power)s omitted: these runs do not separate it from the angle (%(share)s %% its own); runs at"
+        " several rates would"
+    ),
+    said_later("trained on every %(stride)sth row of %(rows)s"),
+    said_later("training stopped at %(count)s iterations; another seed gives another curve"),
+    said_later("%(rows)s rows for %(count)s parameters: the network follows the noise"),
+    said_later("the constant is unobservable without an outside reference: it is zero here"),
+    said_later("the first harmonic is uncertain by %(size)s': bias and misalignment of the gyros"),
+)
+ORDERS = (
+    said_later(
+        "the highest order of the usual range (%(order)s) was taken; orders to %(higher)s fit these rows better, but"
+        " not turns that the fit did not use (%(left)s against %(usual)s rms): %(why)s"
+    ),
+    said_later(
+        "order (%(order)s) was taken; orders to %(higher)s fit these rows better, but not turns that the fit did not"
+        " use (%(left)s against %(usual)s rms): %(why)s"
+    ),
+    said_later("these rows are too few to predict it"),
+    said_later("what is left does not come back from turn to turn"),
+    said_later("order %(order)s was taken, beyond the usual range of %(usual)s"),
+    said_later(
+        "order %(order)s was taken, beyond the usual range of %(usual)s and is the highest that can be tried: finer"
+        " structure may be left"
+    ),
+    said_later("%(what)s; turns not used by the fit: %(left)s rms against %(usual)s"),
+    said_later("an error of order %(order)s, amplitude %(size)s, %(seen)s and is left: %(advice)s"),
+    said_later("an error of order %(order)s, amplitude %(size)s, %(seen)s and is left (and of %(others)s): %(advice)s"),
+    said_later("comes back in all %(turns)s turns"),
+    said_later("stands above the orders near it"),
+    said_later("orders above %(order)s are not fitted: such fine teeth belong to the encoder or the coupling"),
+    said_later("record more turns, with more rows a turn, for the order to be fitted"),
+)
+"""Which order was taken, and what is left above it (`rotation.fit`)."""
+REFUSALS = (
+    said_later(
+        "only %(angle)s deg of the turn are covered: a constant and a first harmonic cannot be separated; record at"
+        " least half a turn, better two"
+    ),
+    said_later(
+        "the rotor stood at too few different angles for the %(count)s parameters of %(method)s; record a turning rotor"
+        " or use another method"
+    ),
+    said_later("the rotor stood at too few different angles for a curve over the turn"),
+    said_later("rate terms were requested, but the rotor rate is constant; record at several rates"),
+    said_later(
+        "rate terms were requested, but in these runs the rate follows the angle and they cannot be separated; record"
+        " at several rates"
+    ),
+)
+
+ROTATION = REMARKS + ORDERS + REFUSALS
