@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+
+from highside.cli import commands
 
 HIGHSIDE = Path(sys.executable).parent / "highside"
 
@@ -132,3 +135,31 @@ def test_an_output_onto_a_full_disk_is_one_line_and_exit_status_2(asked: list[st
     assert done.returncode == 2, done.stderr
     assert done.stderr.count("\n") == 1
     assert done.stderr.startswith("highside: the output cannot be written: No space left on device; make room")
+
+
+@pytest.mark.parametrize("name", ["x" * 5000, "loop/x.csv"])
+def test_a_place_that_cannot_be_used_is_one_line_and_exit_status_2(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], name: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("loop").symlink_to("loop")
+    assert commands.run(["simulate", "--experiment", "turntable", "-o", name]) == 2
+    said = capsys.readouterr()
+    assert said.err.count("\n") == 1
+    assert "internal error" not in said.err
+    assert name[:100] in said.err
+
+
+def test_a_folder_that_may_not_be_entered_is_one_line_and_exit_status_2(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Who tests as root may enter every folder: the answer of the file system is put in its place."""
+
+    def no_entry(path: Path) -> bool:
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
+
+    monkeypatch.setattr(Path, "is_file", no_entry)
+    assert commands.run(["simulate", "-o", "theirs/x.csv"]) == 2
+    assert (
+        capsys.readouterr().err == "highside: theirs/x.csv: Permission denied; name another place, or mend this one\n"
+    )

@@ -99,9 +99,10 @@ def test_every_test_file_is_in_one_piece_and_those_that_judge_a_pace_run_alone(
 
 def test_interrupted_it_ends_what_runs_and_shows_its_last_lines(tmp_path: Path, project_root: Path) -> None:
     command = suites(tmp_path, project_root, pause=100.0)
+    logs = [tmp_path / "logs" / f"{piece}.log" for piece in ("checks", "guests")]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         deadline = time.monotonic() + 60.0
-        while (tmp_path / "books").exists() is False or len((tmp_path / "books").read_text().splitlines()) < 2:
+        while not all(log.exists() and "ran: " in log.read_text() for log in logs):
             assert time.monotonic() < deadline
             time.sleep(0.05)
         process.send_signal(signal.SIGTERM)

@@ -127,6 +127,8 @@ def _usage(error: Any) -> int:
 
 _NO_ROOM = frozenset({errno.ENOSPC, errno.EFBIG, errno.EIO})
 """what a full or failing disk behind `> FILE` answers"""
+_OF_THE_PLACE = _NO_ROOM | {errno.EACCES, errno.EPERM, errno.EROFS, errno.ENAMETOOLONG, errno.ELOOP, errno.ESTALE}
+"""what a file system answers of a path that this user may not or cannot use, wherever it is asked"""
 
 
 def run(arguments: list[str]) -> int:
@@ -155,6 +157,10 @@ def run(arguments: list[str]) -> int:
             return 2
         if os.environ.get("HIGHSIDE_DEBUG"):
             raise
+        if isinstance(error, OSError) and error.filename is not None and error.errno in _OF_THE_PLACE:
+            where = one_line(os.fsdecode(error.filename) if isinstance(error.filename, bytes) else str(error.filename))
+            echo(f"highside: {where}: {error.strerror}; name another place, or mend this one", err=True)
+            return 2
         echo(
             f"highside: internal error: {type(error).__name__}: {one_line(str(error))}"
             " (set HIGHSIDE_DEBUG=1 for details)",

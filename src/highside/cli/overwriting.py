@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import functools
 import inspect
+import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Annotated, Any, get_args, get_origin
@@ -48,7 +49,7 @@ def _guarded(function: Callable[..., Any]) -> Callable[..., Any]:
     @functools.wraps(function)
     def guarded(*args: Any, **given: Any) -> Any:
         read = [path for name, value in given.items() if name not in written for path in _paths(value)]
-        others: dict[Path, str] = {}
+        others: dict[str, str] = {}
         for name, option in written.items():
             for output in _paths(given.get(name)):
                 if output.is_file() and any(path.exists() and output.samefile(path) for path in read):
@@ -60,9 +61,11 @@ def _guarded(function: Callable[..., Any]) -> Callable[..., Any]:
                         field=option,
                         remedy="name another file, or take this one away",
                     )
-                if other := others.get(output.resolve()):
+                # of links that lead round in a circle `Path.resolve` makes an error
+                place = os.path.realpath(output)
+                if other := others.get(place):
                     raise _no(output, option, f"is what {other} names, too")
-                others[output.resolve()] = option
+                others[place] = option
         return function(*args, **given)
 
     return guarded if written else function

@@ -38,7 +38,7 @@ def write_whole(path: Path, data: bytes) -> None:
         if path.exists() and not path.is_file():
             path.write_bytes(data)
             return
-        target = path.resolve()
+        target = Path(os.path.realpath(path))  # `Path.resolve` makes links in a circle an error of another kind
         with _written_beside(target, data) as beside:
             _replace(beside, target)
         flush_directory(target.parent)
