@@ -39,7 +39,8 @@ def test_the_size_in_the_simulation_stands_beside_the_one_found() -> None:
     assert claim.simulated == pytest.approx({"tilt_x": TILT_RAD / 4, "tilt_y": -TILT_RAD / 4})
     assert claim.parameters["tilt_x"].low < TILT_RAD < claim.parameters["tilt_x"].high
     assert first_sentence(made.found, {}, "") == (
-        "The simulation has levelling error of the bench (100% of the misfit) at another size."
+        "The simulation has levelling error of the bench, or what cannot be told from it here (100% of the misfit) "
+        "at another size."
     )
     assert "in the simulation 0.87" in claim_size(claim)
     assert "at another size" in made.html()
@@ -53,7 +54,7 @@ def test_what_the_simulation_lacks_or_has_at_zero_is_left_out(simulated: float |
     made = diagnosed(model(0.2), model(simulated))
     assert [claim.simulated for claim in made.claims] == [{}]
     assert first_sentence(made.found, {}, "") == (
-        "The simulation omits levelling error of the bench (100% of the misfit)."
+        "The simulation omits levelling error of the bench, or what cannot be told from it here (100% of the misfit)."
     )
 
 
@@ -63,8 +64,10 @@ def test_one_left_out_and_one_at_another_size_are_told_apart() -> None:
     made = diagnosed(model(0.2, quadratic=4e-4), model(0.05))
     assert {claim.effect: bool(claim.simulated) for claim in made.claims} == {"base_tilt": True, "quadratic": False}
     said = first_sentence(made.found, {}, "")
-    assert said.startswith("The simulation omits scale-factor nonlinearity K2 (quadratic) (")
-    assert "of the misfit), and has levelling error of the bench (" in said
+    assert said.startswith(
+        "The simulation omits scale-factor nonlinearity K2 (quadratic), or what cannot be told from it here ("
+    )
+    assert "of the misfit), and has levelling error of the bench, or what cannot be told from it here (" in said
     assert said.endswith("of the misfit) at another size.")
     # where two run alike, what either explains is in the share of neither; what is left unexplained is not theirs
     alike = [replace(claim, share=0.21 if claim.effect == "quadratic" else 0.06) for claim in made.claims]

@@ -9,15 +9,17 @@ import numpy as np
 import pytest
 
 from highside.api.diagnosis import diagnose
+from highside.cli.diagnose import _show
 from highside.config.model import Model
 from highside.diagnosis.laws.claims import reported_laws
 from highside.diagnosis.laws.effects import EffectGroup
 from highside.diagnosis.laws.groups import LawGroup, groups_of
 from highside.diagnosis.laws.problem import LawProblem, PlaceField
 from highside.diagnosis.laws.search import Search
+from highside.physics.effects import all_effects
 from highside.physics.forward import ForwardModel
 from highside.physics.law import Function
-from highside.report.diagnosis_claims import title_of_any
+from highside.report.diagnosis_claims import confounded, title_of_any
 from studies import known_names, random_laws
 
 KINDS = ("white", "coloured", "one_over_f", "walk")
@@ -39,12 +41,18 @@ def test_an_effect_in_noise_with_a_memory_has_its_name_and_not_that_of_a_law(num
 
 
 @pytest.mark.parametrize("number", [1, 3])
-def test_a_law_that_fits_as_well_as_a_name_is_in_its_class(number: int) -> None:
+def test_a_law_that_fits_as_well_as_a_name_is_in_its_class(number: int, capsys: pytest.CaptureFixture[str]) -> None:
     one = random_laws.case(101, number, null=False)
     found = diagnose(one.columns, Model.model_validate({"sensor": {"noise_g": one.noise_g}}))
     (claim,) = found.claims
     assert not claim.effect.startswith("law:")
     assert one.truth & set(claim.equivalence_class)
+    # and whoever reads one sentence knows that it is a tie, with what, and what would end it
+    assert all_effects()[claim.effect].splitter in claim.next_manoeuvre
+    _show(found.found)
+    first, _, tie, *_ = capsys.readouterr().out.splitlines()
+    assert ", or what cannot be told from it here (" in first
+    assert tie == f"  {confounded(claim)}"
 
 
 def scaled_by_inclination(n: int = 80) -> tuple[LawProblem, LawGroup]:

@@ -229,7 +229,7 @@ def _rows_of(
 
 def _show(diagnosis: DiagnosisResult) -> None:
     """The diagnosis in lines: verdict, claims, causes, what to look at."""
-    from highside.report.diagnosis_claims import claim_size, first_sentence, shares_of_fit
+    from highside.report.diagnosis_claims import claim_size, confounded, first_sentence, others_of, shares_of_fit
     from highside.report.diagnosis_words import blame, tested, verdict_words
     from highside.words import _, told
 
@@ -237,6 +237,8 @@ def _show(diagnosis: DiagnosisResult) -> None:
     echo(f"{diagnosis.verdict} - {said}{tested(diagnosis)}")
     for claim in diagnosis.claims:
         echo(f"{claim.effect}: {claim_size(claim)}")
+        if others_of(claim):
+            echo(f"  {confounded(claim)}")
     if blame(diagnosis):
         echo(_("to blame: %(what)s", what=blame(diagnosis)))
     # beside a name the first says what is left, and the page the others

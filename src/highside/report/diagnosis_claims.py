@@ -138,10 +138,14 @@ def likelihood(claim: Claim) -> str:
     return words + (_("; its size changes over the session") if claim.stable is False else "")
 
 
+def others_of(claim: Claim) -> list[str]:
+    """Effects and laws that this recording cannot tell from a claim, by their ids."""
+    return [name for name in claim.equivalence_class if name != claim.effect]
+
+
 def confounded(claim: Claim) -> str:
     """What this recording cannot tell a claim apart from, or that there is nothing."""
-    others = [name for name in claim.equivalence_class if name != claim.effect]
-    if others:
+    if others := others_of(claim):
         return _("this, or %(others)s", others=_("; or ").join(_by_place(claim, others)))
     if claim.resembles:
         names = ", ".join(title_of_any(name) for name in claim.resembles)
@@ -230,8 +234,10 @@ def first_sentence(diagnosis: DiagnosisResult, shares: Mapping[str, float], word
     resized: list[str] = []
     # the table has them all: a sentence that lists ten is none
     shown = len(parts) if len(parts) <= SHOWN + 1 else SHOWN
-    for (title, simulated), share in list(zip(parts, sizes, strict=True))[:shown]:
+    for ((title, simulated), claims), share in list(zip(parts.items(), sizes, strict=True))[:shown]:
         part = within_sentence(title, first=True)
+        if any(not is_law(claim) and others_of(claim) for claim in claims):
+            part += _(", or what cannot be told from it here")
         part += " " + _("(%(share)s of the misfit)", share=_percent(share)) if share > 0 else ""
         (resized if simulated else omitted).append(part)
     does = [_("omits %(what)s", what=_listed(omitted))] if omitted else []

@@ -20,6 +20,7 @@ from highside.diagnosis.laws.noise import Whitener
 from highside.diagnosis.laws.policy import LAW_SEARCH
 from highside.diagnosis.laws.problem import LawProblem
 from highside.diagnosis.laws.search import Found, independent
+from highside.physics.effects import all_effects
 from highside.physics.law import PREFIX
 
 
@@ -45,8 +46,11 @@ def with_free_rivals(claims: Sequence[Claim], found: Found) -> tuple[Claim, ...]
             told.append(claim)
             continue
         laws = [*_rivals(white, terms, [places[claim.effect]]), *together]
-        more = dict.fromkeys((*claim.equivalence_class, *laws))
-        told.append(replace(claim, equivalence_class=tuple(more)))
+        more = tuple(dict.fromkeys((*claim.equivalence_class, *laws)))
+        # advice that was given before the laws were known: no other *name* explains it as well
+        needless = claim.next_manoeuvre.startswith("none needed") and len(more) > 1
+        advice = all_effects()[claim.effect].splitter if needless else claim.next_manoeuvre
+        told.append(replace(claim, equivalence_class=more, next_manoeuvre=advice))
     return tuple(told)
 
 
