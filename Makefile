@@ -116,7 +116,7 @@ pictures: $(VENV)/.test
 	HIGHSIDE_RENEW_PICTURES=1 $(BIN)/python -m pytest -q tests/integration/test_page_pictures.py -k three_widths
 
 ## axe: every state of every page by axe's rules, light and dark, narrow and wide (minutes)
-## firefox: the main pages in Firefox (apt-get install firefox-esr, which the tests of CI do without)
+## firefox: the main pages in Firefox, one half after the other (`--shots DIR` of the program keeps pictures)
 .PHONY: axe firefox
 axe: $(VENV)/.test
 	PYTHONPATH=. $(BIN)/python tests/integration/axe_walk.py

@@ -4,7 +4,7 @@ is asked. Without a graphics card it has no 3-D: what the picture shows is said 
 
     python tests/integration/firefox_walk.py [--firefox PATH] [--shots DIR]
 
-A program and no test: the distribution's Firefox is not among what the tests need. Ends with 1 where it finds a fault.
+`test_firefox` runs both halves side by side. Ends with 1 where it finds a fault.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from test_tools_page import NOISY, history_message, serve, tool, watch_message
 WIDTHS = (360, 820, 1400)
 
 
-async def fits(page: FirefoxPage, name: str, shots: Path | None) -> None:
-    for width in WIDTHS:
+async def fits(page: FirefoxPage, name: str, shots: Path | None, widths: tuple[int, ...]) -> None:
+    for width in widths:
         await page.size(width, 900)
         # what is drawn takes its new size a little later
         await asyncio.sleep(0.5)
@@ -37,7 +37,7 @@ def unheard(page: FirefoxPage) -> list[str]:
     return [text for text in page.errors if not any(word in text for word in NOISY)]
 
 
-async def a_session(tmp_path: Path, browser: str, shots: Path | None) -> None:
+async def a_session(tmp_path: Path, browser: str, shots: Path | None, widths: tuple[int, ...] = WIDTHS) -> None:
     """At the bench, from the first click to a calibration in force, and the switch to German."""
     profile = tmp_path / "profile"
     profile.mkdir()
@@ -45,15 +45,15 @@ async def a_session(tmp_path: Path, browser: str, shots: Path | None) -> None:
         await page.goto(bench.link)
         await page.until("document.querySelector('.badge')")
         await page.until("document.querySelector('.guidance').textContent.trim()")
-        await fits(page, "idle", shots)
+        await fits(page, "idle", shots, widths)
         await page.click("[data-command=start]")
         await page.until("document.querySelectorAll('tr.done').length > 0")
-        await fits(page, "measuring", shots)
+        await fits(page, "measuring", shots, widths)
         await page.keys("p")
         await page.until("document.querySelector('.badge.paused')")
         await page.click("[data-command=resume]")
         await page.until("document.querySelector('.badge.review')")
-        await fits(page, "review", shots)
+        await fits(page, "review", shots, widths)
         await page.click("[data-command=accept]")
         await page.until("document.querySelector('.badge.accepted')")
         await page.click("[data-command=activate]")
@@ -68,7 +68,7 @@ async def a_session(tmp_path: Path, browser: str, shots: Path | None) -> None:
         assert page.hosts <= {"127.0.0.1"} and not unheard(page), (page.hosts, page.errors)
 
 
-async def the_served_pages(tmp_path: Path, browser: str, shots: Path | None) -> None:
+async def the_served_pages(tmp_path: Path, browser: str, shots: Path | None, widths: tuple[int, ...] = WIDTHS) -> None:
     """A tool live, then grey; the page of sessions, signed in with the keyboard; the diagnosis."""
     (tmp_path / "profile").mkdir()
     with served_bench(tmp_path) as (broker, options):
@@ -80,16 +80,16 @@ async def the_served_pages(tmp_path: Path, browser: str, shots: Path | None) -> 
                 await page.click("li.card a")
                 await page.until("document.querySelector('.scene') && document.querySelector('.chart canvas')")
                 await page.until("document.querySelector('.figures dd').textContent.startsWith('31.')")
-                await fits(page, "tool", shots)
+                await fits(page, "tool", shots, widths)
             await page.until("document.querySelector('.figures.stale')")
             await page.goto(f"{address}bench")
             await page.click("#token")
             await page.keys(f"{TOKEN}\ue007")
             await page.until("document.querySelector('[aria-label=\"six.toml\"]')")
-            await fits(page, "begin", shots)
+            await fits(page, "begin", shots, widths)
             await page.goto(f"{address}diagnosis")
             await page.until("document.querySelector('#recording')")
-            await fits(page, "diagnosis", shots)
+            await fits(page, "diagnosis", shots, widths)
             assert page.hosts <= {"127.0.0.1"} and not unheard(page), (page.hosts, page.errors)
 
 
