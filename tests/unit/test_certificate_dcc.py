@@ -20,6 +20,7 @@ from highside.config.certificate import CertificateFields, load_certificate_fiel
 from highside.errors import InputError
 from highside.physics.gravity import gravity_direction
 from highside.report.certificate_budget import budget_at
+from highside.words import in_language
 
 DCC, SI = "{https://ptb.de/dcc}", "{https://ptb.de/si}"
 
@@ -214,5 +215,7 @@ def test_the_code_says_record_and_key_or_the_laboratory_s_address() -> None:
     said = verification(Inputs(made, LEAST, ""), "N-1").split("\n")
     assert said[0] == "Calibration certificate N-1" and f"record SHA-256 {made.id}" in said
     assert said[-1] == f"signed ed25519 {made.signature.key}"
+    with in_language("de"):
+        assert verification(Inputs(made, LEAST, ""), "N-1").split("\n")[2] == f"Datensatz SHA-256 {made.id}"
     where = CertificateFields.model_validate({"issue": {"verify_url": "https://lab.example/c/"}})
     assert verification(Inputs(made, where, ""), "N-1") == f"https://lab.example/c/{made.id}"

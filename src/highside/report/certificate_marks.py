@@ -14,19 +14,24 @@ from markupsafe import Markup
 from highside.errors import InputError
 from highside.reading import read_named
 from highside.report.certificate_inputs import Inputs
+from highside.words import _
 
 LOGO_MAX = 1_000_000
 _KINDS = ((b"\x89PNG\r\n\x1a\n", "image/png"), (b"\xff\xd8\xff", "image/jpeg"))
 
 
 def verification(inputs: Inputs, named: str) -> str:
-    """What the code says."""
+    """What the code says, in the certificate's language."""
     record, url = inputs.record, inputs.fields.issue.verify_url
     if url is not None:
         return f"{url}{record.id}"
-    lines = [f"Calibration certificate {named}", f"tool {record.tool_id}", f"record SHA-256 {record.id}"]
+    lines = [
+        _("Calibration certificate %(number)s", number=named),
+        _("tool %(tool)s", tool=record.tool_id),
+        _("record SHA-256 %(id)s", id=record.id),
+    ]
     if record.signature is not None:
-        lines.append(f"signed ed25519 {record.signature.key}")
+        lines.append(_("signed ed25519 %(key)s", key=record.signature.key))
     return "\n".join(lines)
 
 
