@@ -510,6 +510,38 @@ def assert_finds_the_watch(dashboard: dict[str, Any], port: int) -> None:
                 assert not asked or any(one["parameter"] == asked for one in served[name]), (query, asked)
 
 
+def retained(ear: Subscriber, name: str) -> bytes | None:
+    """What the broker kept of a topic, if it has come."""
+    kept = [payload for topic, payload, retained, _ in ear.drain() if retained and topic.endswith(f"/HS-1/{name}")]
+    return kept[-1] if kept else None
+
+
+def test_a_watch_that_is_switched_off_takes_its_retained_verdict_back(
+    tmp_path: Path, broker: Mosquitto, tool: Tool, store: Path
+) -> None:
+    ear = Subscriber(broker.port)
+    try:
+        with running(config(tmp_path, tool, broker, store)) as daemon:
+            wait_for(lambda: (said := watch(ear)) is not None and said.verdict == "learning", 60.0, "a verdict", daemon)
+            config(tmp_path, tool, broker, store, "enabled = false\n")
+            daemon.process.send_signal(signal.SIGHUP)
+            wait_for(lambda: (said := watch(ear)) is not None and said.verdict == "off", 20.0, "off", daemon)
+            # who comes later hears it too: it is what the broker keeps
+            late = Subscriber(broker.port)
+            try:
+                said = wait_for(lambda: retained(late, "watch"), 20.0, "the retained verdict", daemon)
+                seen = wait_for(lambda: retained(late, "watch/history"), 20.0, "the retained history", daemon)
+                assert WatchMessage.model_validate_json(said).verdict == "off"
+                assert WatchHistory.model_validate_json(seen).times == []
+            finally:
+                late.close()
+            config(tmp_path, tool, broker, store)
+            daemon.process.send_signal(signal.SIGHUP)
+            wait_for(lambda: (said := watch(ear)) is not None and said.verdict == "learning", 20.0, "on again", daemon)
+    finally:
+        ear.close()
+
+
 def test_a_damaged_state_is_set_aside_and_said(tmp_path: Path, broker: Mosquitto, tool: Tool, store: Path) -> None:
     state = tmp_path / "state"
     state.mkdir()

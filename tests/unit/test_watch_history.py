@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 from functools import cache
 from pathlib import Path
@@ -10,24 +11,29 @@ from typing import Any
 import numpy as np
 import pytest
 
+import highside
+from highside.calibration.correction import IdentityCorrection
 from highside.config.rig import WitsItem
-from highside.config.settings import validate
+from highside.config.settings import Settings, validate
 from highside.config.watch import WatchSettings
 from highside.errors import Refused
 from highside.service.damage import DamageLog
+from highside.service.in_force import CalibrationInForce
 from highside.service.messages import PAYLOADS
 from highside.service.rig.wits import Latest, record
 from highside.service.saved_drift import Stamp
 from highside.service.saved_watch import Numbers, SavedWatch, read, write
 from highside.service.watch_history import POINTS, SPAN_S, history
 from highside.service.watch_keeper import WatchKeeper, WatchParts
-from highside.service.watch_messages import WatchHistory
+from highside.service.watch_messages import WatchHistory, WatchMessage
 from highside.service.watch_stage import VERDICTS, Watched, WatchStage
 from highside.watch.parameters import CALIBRATION, NAMES
 from highside.web.tools.state import PAYLOAD_MAX, History, Tools
 from highside.web.tools.views import Broker, tool_page
 from highside.web.tools.watch_chart import PANELS, watch_chart
+from highside.web.tools.watch_words import watch_words
 from tests.faults.seeds import watch_stage
+from tests.unit.watch_frames import poses_of_a_good_tool
 
 NOW = 1.79e9
 
@@ -51,13 +57,123 @@ def test_what_nobody_watches_any_more_is_told_to_no_rig(tmp_path: Path) -> None:
     items = (WitsItem(code="0740", value="watch_verdict"),)
     keeper.publish()
     assert dict(record(items, latest, 0.0, 30.0)) == {"0740": f"{float(VERDICTS.index(a_stage().said.verdict)):.2f}"}
-    parts = WatchParts(settings, None)
-    keeper.took_over()
+    before, parts = parts.stage, WatchParts(settings, None)
+    keeper.took_over(before)
     assert not record(items, latest, 0.0, 30.0)
     parts = WatchParts(settings, a_stage())
-    keeper.took_over()
+    keeper.took_over(None)
     keeper.publish()
     assert [code for code, _ in record(items, latest, 0.0, 30.0)] == ["0740"]
+
+
+def a_keeper(folder: Path, parts: list[WatchParts], said: dict[str, list[bytes]] | None = None) -> WatchKeeper:
+    """Of the last of the parts; what it says is added to `said`."""
+    heard = {} if said is None else said
+    retained = lambda name: lambda payload: heard.setdefault(name, []).append(payload)  # noqa: E731
+    return WatchKeeper(folder, lambda *_: None, retained, lambda: parts[-1], DamageLog())
+
+
+def some_settings(watch: dict[str, Any] | None = None) -> Settings:
+    tool: dict[str, Any] = {"tool": {"id": "HS-1"}, "link": {"kind": "simulated"}, "codec": {"name": "tool"}}
+    return validate(tool | ({} if watch is None else {"watch": watch}), where="x")
+
+
+def test_a_watch_that_is_switched_off_takes_back_what_it_said_once(tmp_path: Path) -> None:
+    """The retained verdict stood at the broker for ever."""
+    heard: dict[str, list[bytes]] = {}
+    parts = [WatchParts(some_settings(), a_stage())]
+    keeper = a_keeper(tmp_path, parts, heard)
+    keeper.publish()
+    parts.append(WatchParts(some_settings({"enabled": False}), None))
+    for _ in range(2):
+        keeper.took_over(parts[0].stage)
+        keeper.publish()
+    assert [WatchMessage.model_validate_json(one).verdict for one in heard["watch"]] == ["learning", "off"]
+    assert not WatchHistory.model_validate_json(heard["watch/history"][-1]).times
+    assert WatchMessage.model_validate_json(heard["watch"][-1]).began.endswith("switched off in the configuration")
+
+    async def started(folder: Path) -> list[bytes]:
+        heard.clear()
+        keeper = a_keeper(folder, parts, heard)
+        keeper.start()
+        await keeper.stop()
+        return heard.get("watch", [])
+
+    # a service that begins with it switched off takes back what the run before said, and else says nothing
+    assert asyncio.run(started(tmp_path)) == []
+    write(tmp_path / "watch.json", "HS-1", Stamp.now(synced=True), {}, kept_state())
+    (off,) = asyncio.run(started(tmp_path))
+    assert json.loads(off)["verdict"] == "off"
+    tools = Tools("highside")
+    tools.take("highside/HS-1/watch", off, retained=True, mono=1.0, utc=NOW)
+    said = watch_words(tools.tools["HS-1"])
+    assert said == "The watch says: off; nothing is watched: it is switched off in the configuration."
+
+
+def rests(stage: WatchStage) -> None:
+    """A rest of a minute that waits for its sums, and half a minute of the next that is being collected."""
+    for first, count in ((0.0, 600), (200.0, 300)):
+        for k in range(count):
+            t = first + 0.1 * k
+            stage.close(t, 1000.0 + t, (0.5, 1e-5 * (k % 3), 0.75**0.5), 25.0)
+    assert len(stage.waiting) == 1
+
+
+def test_what_waits_at_a_reload_is_used_under_the_new_limits(tmp_path: Path) -> None:
+    calibration = CalibrationInForce(IdentityCorrection(1e-5, 1e-5), a_stage().of.record)
+    parts: list[WatchParts] = []
+    keeper = a_keeper(tmp_path, parts)
+    parts.append(keeper.build(some_settings(), calibration))
+    before = parts[0].stage
+    assert before is not None
+    rests(before)
+    for _ in range(2):  # a reload builds twice
+        after = keeper.build(some_settings({"interval_s": 7.0}), calibration, parts[0]).stage
+    assert after is not None and after is not before
+    after.finish()
+    while after.waiting:
+        after.take_result(after.core.take(after.waiting.popleft()))
+    assert (after.said.counts.stills, after.dropped) == (2, 0)
+    # one whose sums are being made while the parts are built is carried over, unless they are made already
+    before.working = before.waiting.popleft()
+    assert before.carried()[1].waiting == (before.working,)
+    before.core.take(before.working)
+    assert before.carried()[1].waiting == ()
+
+
+def test_what_waits_when_another_record_comes_in_force_is_counted_and_said(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    record, other = a_stage().of.record, highside.calibrate(poses_of_a_good_tool(2), "joint", tool="HS-1").record
+    parts: list[WatchParts] = []
+    keeper = a_keeper(tmp_path, parts)
+    parts.append(keeper.build(some_settings(), CalibrationInForce(IdentityCorrection(1e-5, 1e-5), record)))
+    before = parts[0].stage
+    assert before is not None
+    rests(before)
+    parts.append(keeper.build(some_settings(), CalibrationInForce(IdentityCorrection(1e-5, 1e-5), other), parts[0]))
+    keeper.took_over(before)
+    assert parts[-1].stage is not None and parts[-1].stage.health()["dropped"] == 2
+    assert "2 stretches before the reload were not used: they are of another record" in caplog.text
+
+
+def test_what_was_collected_is_used_and_kept_when_the_watch_is_switched_off(tmp_path: Path) -> None:
+    parts: list[WatchParts] = []
+    keeper = a_keeper(tmp_path, parts)
+    calibration = CalibrationInForce(IdentityCorrection(1e-5, 1e-5), a_stage().of.record)
+    parts.append(keeper.build(some_settings(), calibration))
+    before = parts[0].stage
+    assert before is not None
+    rests(before)
+
+    async def off() -> None:
+        parts.append(WatchParts(some_settings({"enabled": False}), None))
+        keeper.took_over(before)
+        await keeper.stop()
+
+    asyncio.run(off())
+    saved = read(tmp_path / "watch.json", "HS-1", Stamp.now(synced=True))
+    assert saved is not None and saved.facts.stills == 2
 
 
 @pytest.mark.parametrize("t_s", [1e300, -1.0])

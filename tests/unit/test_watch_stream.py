@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,10 +15,12 @@ from highside.api.watch import proposal_of
 from highside.arrays import Array
 from highside.calibration.applied import corrected_accel
 from highside.calibration.record import correction_from_record, largest_difference, parse_record, recompute
+from highside.cli.commands import run
 from highside.codec.frame import Counts, Frame
 from highside.config.settings import MonitorSettings, PipelineSettings, RollingBiasTable, SurveySettings, ToolSettings
 from highside.config.watch import WatchSettings
 from highside.errors import InputError, Refused
+from highside.recording.calibration_store import CalibrationStore
 from highside.service.pipeline import Pipeline
 from highside.service.saved_watch import SavedWatch
 from highside.service.watch_keeper import message
@@ -341,6 +344,35 @@ def test_what_the_hole_has_named_is_proposed_and_corrects_it(
     )
     assert highside.watch_recording(after, calibration).verdict == "departs"
     assert highside.watch_recording(after, made).verdict == "holds"
+
+
+def test_the_state_of_another_tool_is_one_line_and_status_2(
+    calibration: highside.Calibration,
+    named: highside.WatchedRecording,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    other = highside.calibrate(poses_of_a_good_tool(2), "joint", tool="HS-2", temp_c=25.0)
+    for of in (calibration, other):
+        of.save(tmp_path / f"{of.record.tool_id}.json")
+        CalibrationStore(tmp_path / f"store-{of.record.tool_id}").add(of.record)
+    state = {"format": "highside.watch-state/1", "tool": "HS-1", "said": named.to_dict()}
+
+    def says(changed: dict[str, object], *arguments: str) -> str:
+        (tmp_path / "watch.json").write_text(json.dumps(state | changed))
+        words = ["watch", "propose", str(tmp_path / "watch.json"), "-o", str(tmp_path / "out.json"), *arguments]
+        status, said = run(words), capsys.readouterr()
+        assert (status, said.out, said.err.count("\n")) == (2, "", 1), said
+        assert not (tmp_path / "out.json").exists()
+        return said.err
+
+    record, elsewhere = str(tmp_path / "HS-1.json"), str(tmp_path / "HS-2.json")
+    assert "is the state of tool HS-2; record" in says({"tool": "HS-2"}, "--calibration", record)
+    assert "is the state of tool HS-1; record" in says({}, "--calibration", elsewhere)
+    found = says({}, "--store", str(tmp_path / "store-HS-2"))
+    assert f"watched record {calibration.id[:12]} of tool HS-1, which is not in" in found
+    assert "another version" in says({"format": "highside.watch-state/2"}, "--calibration", record)
+    assert "tool: " in says({"tool": 5}, "--calibration", record)
 
 
 def test_nothing_is_proposed_of_what_the_attitudes_do_not_name(

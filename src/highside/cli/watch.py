@@ -150,7 +150,16 @@ def propose(
     kept = None if store is None else CalibrationStore(store)
     parent: Path | Calibration
     if kept is not None:
-        parent = Calibration(kept.get(read_outcome(data, str(said)).cal_id))
+        watched = read_outcome(data, str(said))
+        if watched.cal_id not in kept.ids():
+            of = "" if watched.tool is None else f" of tool {watched.tool}"
+            raise InputError(
+                f"watched record {watched.cal_id[:12]}{of}, which is not in {store}",
+                where=str(said),
+                field="cal_id",
+                remedy="give the store of that tool, or the record itself by --calibration",
+            )
+        parent = Calibration(kept.get(watched.cal_id))
     else:
         assert calibration is not None
         parent = calibration

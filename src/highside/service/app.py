@@ -184,10 +184,9 @@ class Service:
 
     def take(self, parts: ServiceParts) -> None:
         """Put other parts in force."""
-        other = parts.watch.stage is not self.parts.watch.stage
-        self.parts = parts
-        if other:
-            self.watch.took_over()
+        before, self.parts = self.parts.watch.stage, parts
+        if parts.watch.stage is not before:
+            self.watch.took_over(before)
         self.recorder.apply(parts.settings.recorder)
         self._changed.set()
 

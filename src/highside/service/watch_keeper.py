@@ -28,17 +28,19 @@ from highside.service.watch_messages import (
     WatchCommand,
     WatchDeparture,
     WatchError,
+    WatchHistory,
     WatchMessage,
     WatchNoise,
     WatchParameter,
     WatchReply,
 )
-from highside.service.watch_stage import DEPARTS, Watched, WatchStage, claim_key
+from highside.service.watch_stage import DEPARTS, Carried, Watched, WatchStage, claim_key
 from highside.watch.result import AttitudeError, WatchClaim
 
 log = logging.getLogger("highside")
 
 FILE = "watch.json"
+SWITCHED_OFF = "it is switched off in the configuration"
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,6 +81,10 @@ class WatchKeeper:
         self._commanded = False
         """a command was obeyed that is not on the disk: what a person said is kept at once"""
         self._news = True
+        self._stands = False
+        """something was said that is to be taken back once nothing is watched"""
+        self._leaving: WatchStage | None = None
+        """switched off: what it collected is used and kept before it goes"""
         self.figures: dict[str, float | None] = {}
         """for WITS: the newest, the same dict always"""
         self._published_s = self._saved_s = 0.0
@@ -110,13 +116,13 @@ class WatchKeeper:
             )
         gravity = calibration.gravity(settings)
         of = Watched(calibration.record, gravity.expected, gravity.std_mg / gravity.unit_mg)
-        before = None if running is None else running.stage
+        before = None if running is None else running.stage or self._leaving
         if before is not None and running is not None:
             if (before.of, running.settings.watch) == (of, settings.watch):
                 return WatchParts(settings, before, running.error)
             if before.of == of:
-                carried = before.saved().model_copy(update={"age_s": 0.0})
-                return self._made(settings, of, carried, "went on under other limits")
+                state, carried = before.carried()
+                return self._made(settings, of, state, "went on under other limits", continues=carried)
             changed = "the calibration" if before.cal_id != of.record.id else "the site's gravity"
             why = f"began anew: {changed} is another one ({of.record.id[:12]})"
             return self._made(settings, of, None, why, before.saved().model_copy(update={"age_s": 0.0}))
@@ -155,9 +161,10 @@ class WatchKeeper:
         saved: SavedWatch | None,
         began: str,
         follows: SavedWatch | None = None,
+        continues: Carried | None = None,
     ) -> WatchParts:
         try:
-            return WatchParts(settings, self._stage(settings, of, saved, began, follows))
+            return WatchParts(settings, self._stage(settings, of, saved, began, follows, continues))
         except InputError as error:
             return WatchParts(settings, None, why_not=error_text(error))
 
@@ -168,12 +175,14 @@ class WatchKeeper:
         saved: SavedWatch | None,
         began: str,
         follows: SavedWatch | None = None,
+        continues: Carried | None = None,
     ) -> WatchStage:
         return WatchStage(
             settings.watch,
             of,
             saved,
             follows=follows,
+            continues=continues,
             loaded_mono=time.monotonic(),
             began=began,
             on_stretch=self._wake.set,
@@ -183,15 +192,23 @@ class WatchKeeper:
 
     def start(self) -> None:
         """In the event loop."""
+        # of a run before this one the broker may hold what nobody watches over now
+        self._stands = self._path.exists()
         self._say_what_began()
         self.publish()
         self._task = asyncio.create_task(self._run(), name="watch")
 
-    def took_over(self) -> None:
-        """Other parts are in force."""
-        if self.stage is None:
+    def took_over(self, before: WatchStage | None) -> None:
+        """Other parts are in force, in the place of `before`."""
+        before, stage, self._leaving = before or self._leaving, self.stage, None
+        if stage is None:
             # a rig would be told for ever what nobody watches any more
             self.figures.clear()
+            if before is not None:
+                before.finish()
+                self._leaving = before
+        elif before is not None and before.of != stage.of and (lost := before.replaced_by(stage)):
+            log.warning("watch: %d stretches before the reload were not used: they are of another record", lost)
         self._say_what_began()
         self._changed()
 
@@ -207,10 +224,11 @@ class WatchKeeper:
         if self._task is not None:
             self._task.cancel()
             await asyncio.gather(self._task, return_exceptions=True)
+        await self._let_go()
         if (stage := self.stage) is not None:
             stage.finish()
             await self._work(stage)
-            await self._save()
+            await self._save(stage)
         self._news = True
         self.publish()
 
@@ -229,28 +247,46 @@ class WatchKeeper:
             except TimeoutError:
                 pass
             self._wake.clear()
+            await self._let_go()
             if (stage := self.stage) is not None:
                 await self._work(stage)
             now = time.monotonic()
             if self._news and now - self._published_s >= settings.interval_s:
                 self.publish()
-            if self._dirty and (self._commanded or now - self._saved_s >= settings.save_interval_s):
-                await self._save()
+            stage = self.stage
+            if (
+                stage is not None
+                and self._dirty
+                and (self._commanded or now - self._saved_s >= settings.save_interval_s)
+            ):
+                await self._save(stage)
+
+    async def _let_go(self) -> None:
+        """Of a watch that was switched off the last stretches are used, and what it knows is kept."""
+        if (leaving := self._leaving) is not None:
+            await self._work(leaving)
+            if leaving is self._leaving:
+                await self._save(leaving)
+            if leaving is self._leaving:
+                self._leaving = None
 
     async def _work(self, stage: WatchStage) -> None:
         """The sums of the stretches that wait, one after another."""
-        while stage.waiting:
+        while stage.waiting and stage in (self.stage, self._leaving):
             stretch, core = stage.waiting.popleft(), stage.core
+            stage.working = stretch
             try:
                 said = await asyncio.to_thread(core.take, stretch)
             except Exception as error:  # a defect here must not cost the readings
                 self._failed("a stretch could not be used", error)
                 continue
+            finally:
+                stage.working = None
             if stage.core is not core:  # it was told to begin again meanwhile
                 continue
             stage.take_result(said)
             self._dirty = self._news = True
-            if said.verdict != self._verdict:
+            if said.verdict != self._verdict and stage is self.stage:
                 self._verdict = said.verdict
                 level = logging.WARNING if said.verdict == "departs" else logging.INFO
                 log.log(level, "watch: %s; %s", said.verdict, said.advice[0])
@@ -261,10 +297,8 @@ class WatchKeeper:
             log.error("watch: %s", what, exc_info=error)
         self._fault = error_text(error)
 
-    async def _save(self) -> None:
-        stage, tool = self.stage, self._in_force().settings.tool.id
-        if stage is None:
-            return
+    async def _save(self, stage: WatchStage) -> None:
+        tool = self._in_force().settings.tool.id
         self._saved_s = time.monotonic()
         self._dirty = self._commanded = False
         stamp = Stamp.now(synced=clock_synced())
@@ -287,14 +321,20 @@ class WatchKeeper:
 
     def publish(self) -> None:
         """The retained messages, if there is something to say."""
-        if (stage := self.stage) is not None and self._news:
-            self._news = False
-            self._published_s = time.monotonic()
-            self.figures.update(stage.figures())
+        stage = self.stage
+        if self._news and (stage is not None or self._stands):
+            self._news, self._stands = False, stage is not None
+            self._published_s, now_s = time.monotonic(), time.time()
             try:
-                now_s = time.time()
-                self._publish_state(message(stage, now_s).model_dump_json().encode())
-                self._publish_history(history(stage, now_s).model_dump_json().encode())
+                if stage is None:
+                    self._verdict, why = "", f"nothing is watched: {self._in_force().why_not or SWITCHED_OFF}"
+                    threshold = self._in_force().settings.watch.policy().threshold
+                    said, seen = WatchMessage.off(now_s, why), WatchHistory.off(now_s, why, threshold)
+                else:
+                    self.figures.update(stage.figures())
+                    said, seen = message(stage, now_s), history(stage, now_s)
+                self._publish_state(said.model_dump_json().encode())
+                self._publish_history(seen.model_dump_json().encode())
             except Exception as error:  # a defect here must not cost the readings
                 self._failed("what it says cannot be written", error)
 

@@ -64,8 +64,10 @@ class WatchMessage(Payload):
     """`<prefix>/<tool>/watch` (retained): whether the calibration in force still holds, by what the hole shows."""
 
     t: float = Field(description="UTC, seconds since 1970, of what was said.")
-    verdict: Literal["learning", "holds", "departs"]
-    cal_id: str
+    verdict: Literal["learning", "holds", "departs", "off"] = Field(
+        description="off: nothing is watched any more, `began` says why; nothing else is known then."
+    )
+    cal_id: str = Field(description="The calibration that is watched; empty: none.")
     claims: list[WatchDeparture]
     parameters: dict[str, WatchParameter]
     not_observable: dict[str, str] = Field(description="Parameter, and what it would take to see it.")
@@ -89,6 +91,30 @@ class WatchMessage(Payload):
     turns: Count = Field(description="Windows of rotation used.")
     left_out: dict[str, Count] = Field(description="What was not used, by reason.")
     began: str = Field(description="From what this watch goes on, or why it began anew.")
+
+    @classmethod
+    def off(cls, t: float, why: str) -> WatchMessage:
+        """In the place of a verdict that nobody watches over any more."""
+        return cls(
+            t=t,
+            verdict="off",
+            cal_id="",
+            claims=[],
+            parameters={},
+            not_observable={},
+            advice=[],
+            inclination_deg=None,
+            toolface_deg=None,
+            still_unseen=None,
+            stated=None,
+            noise_grown=False,
+            noise_ratio=1.0,
+            watched_s=0.0,
+            stills=0,
+            turns=0,
+            left_out={},
+            began=why,
+        )
 
 
 class WatchTrace(Payload):
@@ -124,6 +150,20 @@ class WatchHistory(Payload):
     changes: list[WatchChange] = Field(
         default_factory=list, description="Where another record, or another gravity of the site, came into force."
     )
+
+    @classmethod
+    def off(cls, t: float, why: str, threshold: float) -> WatchHistory:
+        """No picture: nothing is watched any more."""
+        return cls(
+            t=t,
+            cal_id="",
+            began=why,
+            threshold=threshold,
+            times=[],
+            inclination_deg=[],
+            evidence=[],
+            parameters={},
+        )
 
 
 class WatchCommand(CommandMessage):

@@ -64,6 +64,14 @@ class Watched:
         return self.record.id, self.gravity, self.gravity_std
 
 
+@dataclass(frozen=True, slots=True)
+class Carried:
+    """What a running stage has that its state has not: stretches whose sums were not made, readings collected."""
+
+    stage: WatchStage
+    waiting: tuple[Stretch, ...]
+
+
 def claim_key(claim: WatchClaim) -> str:
     """By which a claim is acknowledged: it is another one where another thing departs, or departs anew."""
     return f"{claim.effect} {claim.alarm_s:.3f}"
@@ -79,11 +87,13 @@ class WatchStage:
         saved: SavedWatch | None = None,
         *,
         follows: SavedWatch | None = None,
+        continues: Carried | None = None,
         loaded_mono: float = 0.0,
         began: str = "began from the record",
         on_stretch: Callable[[], None] = lambda: None,
     ) -> None:
         """`follows`: the state of a watch under another record, whose time and history go on, and nothing else of it.
+        `continues`: a running stage of the same record, whose `saved` state this is, and what it has not used yet.
         Raises InputError for a record that cannot be watched, Refused for a `saved` state that is none."""
         self.of, self.cal_id = of, of.record.id
         self._settings = settings
@@ -101,6 +111,8 @@ class WatchStage:
         self.began = began
         self.acknowledged: set[str] = set() if saved is None else set(saved.acknowledged)
         self.waiting: deque[Stretch] = deque()
+        self.working: Stretch | None = None
+        """the one whose sums are being made"""
         self.dropped = 0
         before = follows if saved is None else saved
         self._rows = LiveRows(0.0 if before is None else before.t_s)
@@ -118,7 +130,33 @@ class WatchStage:
         self._t_mono = 0.0
         self._departure: tuple[float, ...] | None = None
         self._unusable = False
+        if continues is not None:
+            self._continue(continues)
         self.take_result(self.core.result())
+
+    def _continue(self, of: Carried) -> None:
+        """Readings that came before go on here: what waits, and the stretch that is being collected."""
+        before = of.stage
+        self.waiting.extend(of.waiting)
+        self.dropped = before.dropped
+        self._rows, self._before, self._loaded_mono = before._rows, before._before, before._loaded_mono
+        self._sum, self._n = list(before._sum), before._n
+        self._first_s, self._last_s = before._first_s, before._last_s
+        self._device_s, self._t_mono = before._device_s, before._t_mono
+
+    def carried(self) -> tuple[SavedWatch, Carried]:
+        """The state, and what is not in it yet: for a stage of the same record that takes this one's place."""
+        state, last = self._saved()
+        working = [] if self.working is None or self.working is last else [self.working]
+        return state.model_copy(update={"age_s": 0.0}), Carried(self, (*working, *self.waiting))
+
+    def replaced_by(self, other: WatchStage) -> int:
+        """Another record is watched by now: what was not used yet was corrected with this one, and counts as dropped
+        there; returns the number of stretches."""
+        waiting = self.carried()[1].waiting
+        lost = len(waiting) + (self._rows.cut() is not None)
+        other.dropped += self.dropped + lost
+        return lost
 
     def _new_watch(self) -> Watch:
         of, policy = self.of, self._settings.policy()
@@ -247,9 +285,13 @@ class WatchStage:
 
     def saved(self) -> SavedWatch:
         """What is to be kept, without the time of its keeping."""
-        memory = self.core.memory()
+        return self._saved()[0]
+
+    def _saved(self) -> tuple[SavedWatch, Stretch | None]:
+        """Beside it the last stretch that it is of."""
+        memory, last = self.core.memory_and_last()
         calmest_g, calmest_s = self.core.calmest
-        return SavedWatch(
+        state = SavedWatch(
             cal_id=self.cal_id,
             layout=LAYOUT,
             gravity=self.of.gravity,
@@ -262,6 +304,7 @@ class WatchStage:
             arrays={name: Numbers.of(values) for name, values in memory.arrays.items()},
             earlier=list(self.earlier),
         )
+        return state, last
 
     def figures(self) -> dict[str, float | None]:
         """For WITS, by the names of `WitsValue`."""

@@ -166,6 +166,7 @@ class LiveWatch:
         self._watch = watch
         self._calmest = Calmest(calmest_g, calmest_s)
         self._lock = Lock()
+        self._last: Stretch | None = None
 
     @property
     def calmest(self) -> tuple[float | None, float]:
@@ -175,7 +176,7 @@ class LiveWatch:
     def take(self, stretch: Stretch) -> WatchResult:
         """What a stretch says, and what is said after it."""
         with self._lock:
-            watch = self._watch
+            watch, self._last = self._watch, stretch
             if stretch.power_up:
                 watch.power_up()
             if stretch.turning:
@@ -199,5 +200,9 @@ class LiveWatch:
 
     def memory(self) -> WatchMemory:
         """What it knows."""
+        return self.memory_and_last()[0]
+
+    def memory_and_last(self) -> tuple[WatchMemory, Stretch | None]:
+        """What it knows, and which stretch was the last that this is of."""
         with self._lock:
-            return self._watch.memory()
+            return self._watch.memory(), self._last

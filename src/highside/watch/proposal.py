@@ -22,6 +22,8 @@ from highside.watch.parameters import CALIBRATION, MATRIX, NAMES, OFFSETS, globa
 
 __all__ = ["WatchOutcome", "propose", "read_outcome"]
 
+STATE = "highside.watch-state/1"
+"""the form of a service's state (`service.saved_watch`)"""
 LARGEST = 0.05
 """g or ratio: a deviation beyond it is no small error, and no number of a record"""
 
@@ -55,6 +57,8 @@ class WatchOutcome(_Part):
     form: Literal["highside.watch/1"] = Field(alias="schema")
     verdict: Literal["learning", "holds", "departs"]
     cal_id: str
+    tool: str | None = None
+    """whose state of the service it is; None: `watch.json` of a recording, which goes by its record"""
     claims: list[SaidClaim]
     parameters: dict[str, SaidParameter]
     covariance: list[list[float]] = Field(min_length=CALIBRATION, max_length=CALIBRATION)
@@ -66,7 +70,14 @@ def read_outcome(data: bytes, where: str) -> WatchOutcome:
     """From the bytes of `watch.json`, or of the state that the service keeps. Raises InputError."""
     value = parse_json(data, where=where)
     if isinstance(value, dict) and isinstance(value.get("said"), dict):
-        value = value["said"]
+        if value.get("format") != STATE:
+            raise InputError(
+                f"is a state of another version than {STATE}",
+                where=where,
+                field="format",
+                remedy="use the highside that wrote it, or give watch.json of `highside watch`",
+            )
+        value = value["said"] | {"tool": value.get("tool")}
     if not isinstance(value, dict) or "schema" not in value:
         remedy = "give DIR/watch.json of `highside watch`, or watch.json of the service's state directory"
         raise InputError("is nothing that a watch said", where=where, remedy=remedy)
@@ -88,8 +99,15 @@ def propose(parent: CalibrationRecord, said: WatchOutcome, *, now_s: float, wher
     """The record that corrects what departs. `now_s`: UTC epoch seconds.
 
     Raises InputError in one line where nothing is to be proposed: nothing departs, the hole has not named what does,
-    or it is nothing that a record corrects; and for a `parent` that is not the record that was watched.
+    or it is nothing that a record corrects; and for a `parent` of another tool, or that is not what was watched.
     """
+    if said.tool is not None and said.tool != parent.tool_id:
+        raise InputError(
+            f"is the state of tool {said.tool}; record {parent.id[:12]} is of tool {parent.tool_id}",
+            where=where,
+            field="tool",
+            remedy="give the state and the record of one tool",
+        )
     if said.cal_id != parent.id:
         raise InputError(
             f"watched record {said.cal_id[:12]}, not {parent.id[:12]}",

@@ -68,4 +68,9 @@ WATCH = (
     said_later("learning"),
     said_later("holds"),
     said_later("departs"),
+    said_later("off"),
+    said_later("nothing is watched: %(why)s"),
+    said_later("it is switched off in the configuration"),
+    said_later("no calibration record is in force"),
+    said_later("went on under other limits"),
 )

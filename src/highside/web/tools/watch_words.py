@@ -33,7 +33,7 @@ def watch_words(tool: ToolState) -> str:
     verdict = text(tool.watch.get("verdict"))
     if not verdict:
         return _("Nothing watches over the calibration of this tool, or it has said nothing yet.")
-    hours = number(tool.watch.get("watched_s"))
+    hours = None if verdict == "off" else number(tool.watch.get("watched_s"))
     since = "" if hours is None else ", " + _("watched for %(time)s") % {"time": duration(hours)}
     began = told(text(tool.watch.get("began")), "watch")
     said = _("The watch says: %(verdict)s.") % {
