@@ -184,6 +184,30 @@ def test_a_state_whose_own_time_is_none_is_refused(t_s: float, tmp_path: Path) -
         read(path, "t1", stamp)
 
 
+@pytest.mark.parametrize("member", ["last_s", "onset_s"])
+def test_a_state_that_goes_on_after_its_own_time_is_refused(member: str) -> None:
+    """No measurement was later than the one before: the random walk stood still for as long."""
+    kept = kept_state()
+    facts = kept.facts.model_copy(update={member: kept.t_s + 1.0})
+    with pytest.raises(Refused, match="after its own time"):
+        watch_stage(kept.model_copy(update={"facts": facts}))
+
+
+def test_a_state_that_cannot_be_written_is_said_and_ends_nothing(tmp_path: Path) -> None:
+    """A host whose clock stepped by centuries over a restart: the watch's own time is beyond what a state may have."""
+    stage = a_stage()
+    stage._rows.t_s = 2e10
+    keeper = a_keeper(tmp_path, [WatchParts(some_settings(), stage)])
+
+    async def runs() -> None:
+        keeper.start()
+        await keeper.stop()
+
+    asyncio.run(runs())
+    assert keeper.alarms() == ["watch_state"]
+    assert not (tmp_path / "watch.json").exists()
+
+
 def with_trace(stage: WatchStage, times: np.ndarray) -> WatchStage:
     """The stage with measurements at `times`, its own time at the last; the k-th says k in all parameters."""
     from dataclasses import replace

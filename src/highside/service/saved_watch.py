@@ -99,7 +99,7 @@ class SavedWatch(Strict):
     """in units of the corrected readings"""
     t_s: Annotated[float, Field(ge=0, le=1e10)]
     t_device_s: float | None
-    calmest_g: float | None
+    calmest_g: Annotated[float, Field(ge=0)] | None
     calmest_s: float
     acknowledged: list[str]
     """the claims, by their key"""
@@ -112,6 +112,8 @@ class SavedWatch(Strict):
         """For `Watch.recall`. Raises ValueError."""
         if self.layout != LAYOUT:
             raise ValueError("it is of another version, with other parameters")
+        if self.facts.last_s > self.t_s or (self.facts.onset_s or 0.0) > self.t_s:
+            raise ValueError("it goes on after its own time")
         return WatchMemory({name: one.values() for name, one in self.arrays.items()}, **self.facts.model_dump())
 
 

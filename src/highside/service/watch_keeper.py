@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from highside.config.settings import Settings
-from highside.errors import HighsideError, InputError
+from highside.errors import InputError
 from highside.service import saved_watch
 from highside.service.clock import clock_synced
 from highside.service.commands import Commands
@@ -308,10 +308,10 @@ class WatchKeeper:
 
         try:
             await asyncio.to_thread(keep)
-        except HighsideError as error:
-            if self._save_error != str(error):
-                log.error("the watch cannot be kept for a restart: %s", error)
-            self._save_error = str(error)
+        except Exception as error:  # whatever it is: the service must not end by it
+            if self._save_error != (text := error_text(error)):
+                log.error("the watch cannot be kept for a restart: %s", text)
+            self._save_error = text
             self._dirty = True
         else:
             self.saves += 1
