@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from highside.attitude.scalar import gravity_vector
@@ -15,6 +15,7 @@ from highside.web.space import orientation
 from highside.web.tools.drawings import dial, trend
 from highside.web.tools.state import STALE_S, TOOLS_MAX, TOPICS, TREND_LENGTH, Tools, ToolState
 from highside.web.tools.views import Broker, list_page, tool_page
+from highside.words.worded import worded
 
 HERE = Broker("broker:1883", True, "", 0.0)
 ATTITUDE = {
@@ -112,6 +113,7 @@ members = st.sampled_from([
 ])  # fmt: skip
 
 
+@settings(suppress_health_check=[HealthCheck.too_slow])  # of a busy machine
 @given(
     st.dictionaries(members, anything, max_size=12),
     st.sampled_from([name for name in TOPICS if name != "status"]),
@@ -219,3 +221,9 @@ def test_an_empty_tool_has_a_page() -> None:
     page = tool_page(ToolState("a"), HERE, 0.0)
     assert "has said nothing since" in page.head
     assert "nothing has been published" in page.parts
+
+
+def test_the_needle_hides_no_number_of_the_dial() -> None:
+    page = worded("highside.web.tools").get_template("dial.html")
+    drawn = page.render(dial=dial(92.5, 1.0, []), ticks=range(0, 360, 15), fresh=True)
+    assert drawn.count("<text") == 4 and drawn.index("needle") < drawn.index("<text")
