@@ -83,3 +83,17 @@ def test_a_large_law_that_names_of_no_plausible_size_only_approximate_is_a_law()
     case = hand_outsiders.case("laws", 518, 1e6)
     found = highside.diagnose(case.columns, MODEL).to_dict()
     assert [c["depends_on"] for c in found["claims"]] == [["temp"]]
+
+
+def test_where_a_small_name_gives_way_to_a_form_the_large_one_is_still_named() -> None:
+    """A temperature coefficient of 20 mg beside noise of two sizes, of which a part resembled a second name."""
+    case = hand_outsiders.case("effects", 1012, 1e6)
+    found = highside.diagnose(case.columns, MODEL).to_dict()
+    assert case.name == "temperature_bias"
+    assert found["verdict"] == "named_plus"
+    assert [c["effect"] for c in found["claims"]] == ["temperature_bias"]
+    left = found["fit"]["rmse_after"]
+    assert left < 0.02 * found["fit"]["rmse_before"]
+    assert not any(
+        "mg rms are left out" in hint or "e+03 ug rms are left out" in hint for hint in found["remainder"]["hints"]
+    )

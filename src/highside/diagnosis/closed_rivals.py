@@ -126,16 +126,39 @@ def _withdrawn(
         )
         remainder = replace(answer.remainder, changing=diagnosis.remainder.changing)
         return replace(answer, claims=claims, remainder=remainder), data
-    left = float(np.sqrt(np.mean(report.before**2)))
     remainder = replace(diagnosis.remainder, resembles=tuple(sorted(gone)))
-    found = replace(diagnosis, verdict="unknown", claims=staying, fit=unimproved(diagnosis.fit), remainder=remainder)
+    found, data = replace(diagnosis, remainder=remainder), replace(report, after=report.before, parts={})
+    if staying:
+        found, data = _of_the_rest(session, model, found, report, staying)
+    else:
+        found = replace(found, verdict="unknown", claims=(), fit=unimproved(diagnosis.fit))
+    left = float(np.sqrt(np.mean(data.after**2)))
     for one in beaten:
         words = (
             f"{in_ug(left)} rms are left out; they resemble {one.claim.effect}, but {_words(one)} is ahead of it "
             f"by {one.rivals[0][1]:.0f} nats"
         )
         found = hinted(found, words)
-    return found, replace(report, after=report.before, parts={})
+    return found, data
+
+
+def _of_the_rest(
+    session: MagnitudeLaws, model: ForwardModel, found: DiagnosisResult, report: ReportData, staying: tuple[Claim, ...]
+) -> tuple[DiagnosisResult, ReportData]:
+    """The diagnosis of the names that stay, the base fitted beside them: what is left is left beside these."""
+    values = {c.effect: values_of_claim(session, model, c) for c in staying if not library.get(c.effect).random}
+    rest = base_fit(model.with_effects(values), session.observed, session.free)[0]
+    after = session.residual(rest)
+    fit = found.fit
+    if fit is not None:
+        left = float(np.sqrt(np.mean(after**2)))
+        fit = replace(fit, rmse_after=left, heldout_rmse_after=None, heldout_gain_low=None, heldout_gain_high=None)
+    names = {c.effect for c in staying}
+    places = zip(found.location, found.claims, strict=False)
+    location = tuple(place for place, c in places if c.effect in names)
+    parts = {name: part for name, part in report.parts.items() if name in names}
+    found = replace(found, verdict="named_plus", claims=staying, fit=fit, location=location)
+    return found, replace(report, after=after, parts=parts)
 
 
 # --- the comparison ------------------------------------------------------------------------------------------
