@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import io
 import os
+import re
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
+import matplotlib
 import pytest
 from jinja2 import PackageLoader
 
 from highside.report import document
 from highside.report.document import Page
+from highside.report.plots import as_svg, new_figure, plotting
 
 
 @pytest.fixture
@@ -34,3 +38,24 @@ def test_a_page_is_not_emptied_by_templates_that_are_being_replaced(templates: P
         path.write_text("")
         os.utime(path, (0, 0))
     assert Page("As it was").html() == before
+
+
+def test_a_figure_is_laid_out_and_drawn_once() -> None:
+    drawn = []
+    with plotting():
+        figures = [new_figure(1, 1)[0] for _ in range(2)]
+        for figure in figures:
+            figure.axes[0].plot([0.0, 5000.0], [1e-4, 3e-4], label="a")
+            figure.axes[0].set(xlabel="time, s", ylabel="g")
+            figure.axes[0].legend()
+        left_to_matplotlib = io.StringIO()
+        with matplotlib.rc_context({"svg.hashsalt": "1"}):
+            figures[0].savefig(left_to_matplotlib, format="svg", dpi=150, metadata={"Date": None, "Creator": None})
+        figures[1].axes[0].lines[0].draw = drawn.append  # type: ignore[method-assign]
+        as_svg(figures[1], 1)
+        del figures[1].axes[0].lines[0].draw
+        made = as_svg(figures[1], 1)
+    assert len(drawn) == 1
+    # in the same places to the last digit
+    numbers = [re.findall(r'[xy]="([-\d.]+)"', svg) for svg in (left_to_matplotlib.getvalue(), made)]
+    assert numbers[0] == numbers[1] and len(numbers[0]) > 10

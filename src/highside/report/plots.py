@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
 _INK = "#010203"
 """Stands in a plot for the page's text colour."""
+DPI = 150
+"""of what is an image in a plot"""
 
 
 def can_plot() -> bool:
@@ -60,6 +62,9 @@ def _plot_style() -> dict[Any, Any]:
     )
     return {
         **ink,
+        # each figure says itself how its axes are laid out
+        "figure.autolayout": False,
+        "figure.constrained_layout.use": False,
         "figure.facecolor": "none",
         "axes.facecolor": "none",
         "savefig.facecolor": "none",
@@ -86,10 +91,23 @@ def as_svg(figure: Figure, number: int) -> str:
     """A figure drawn within `plotting` as an SVG element; `number` keeps its ids apart from others' on the page."""
     import matplotlib
 
+    _laid_out(figure)
     buffer = io.StringIO()
     with matplotlib.rc_context({"svg.hashsalt": str(number)}):
-        figure.savefig(buffer, format="svg", dpi=150, metadata={"Date": None, "Creator": None})
+        figure.savefig(buffer, format="svg", dpi=DPI, metadata={"Date": None, "Creator": None})
     svg = buffer.getvalue()
     svg = svg[svg.index("<svg") :].replace(_INK, "currentColor")
     # one page holds several plots: their ids must differ
     return re.sub(r'(\bid="|href="#|url\(#)', rf"\1f{number}-", svg)
+
+
+def _laid_out(figure: Figure) -> None:
+    """Its axes in their places. Left to `savefig`, all is drawn twice, the first time for the layout alone."""
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
+
+    engine = figure.get_layout_engine()
+    if engine is not None:
+        FigureCanvasSVG(figure)  # letters are as wide as in the SVG
+        figure.set_dpi(DPI)
+        engine.execute(figure)
+        figure.set_layout_engine(None)
