@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from scipy.special import chdtrc
 
 from highside.diagnosis.core.candidate_set import Term
 from highside.diagnosis.core.candidates import time_constants
@@ -101,6 +102,24 @@ def test_a_walk_is_believed_from_the_gain_at_which_white_noise_hardly_ever_feign
 
     assert believed(white) <= 0.01
     assert believed(walks) >= 0.65  # 3 % is a standard deviation of the share of 200
+
+
+def test_a_slow_effect_is_judged_by_the_channels_that_it_acts_on_alone() -> None:
+    rng = np.random.default_rng(4)
+    stepped = (np.arange(N) >= 100).astype(float)
+    walks = np.cumsum(rng.standard_normal(N))
+    readings = [rng.standard_normal(N) + stepped, rng.standard_normal(N) + walks, rng.standard_normal(N)]
+    channels = [Likelihoods(r, np.ones(N), np.ones((1, N)), T_S) for r in readings]
+    of_one = np.zeros((3, N))
+    of_one[0] = stepped
+    (single,), (gain,), (evidence,) = slow_scores(channels, [SlowEffect(0, 0, of_one)])
+    assert single.log_p == pytest.approx(-np.log10(chdtrc(1, gain)))
+    # what another channel remembers is no matter of this one's
+    assert single.remaining < 10.0
+    assert evidence < 100.0
+    (every,), (gain,), (evidence,) = slow_scores(channels, [SlowEffect(0, 0, np.tile(stepped, (3, 1)))])
+    assert every.log_p == pytest.approx(-np.log10(chdtrc(3, gain)))
+    assert min(every.remaining, evidence) > 100.0
 
 
 def test_what_is_claimed_already_is_no_rival() -> None:

@@ -13,6 +13,7 @@ from highside.diagnosis.core.stability import Change
 from highside.diagnosis.rows.gram import Gram, HeldOutRows
 from highside.diagnosis.rows.policy import GRAMS
 from highside.diagnosis.simulation.band import humps
+from highside.diagnosis.simulation.design import SimulationDesign
 from highside.diagnosis.simulation.independence import NoNoise, hidden_motions, no_noise
 from highside.report.diagnosis_words import verdict_words
 from studies import simulation_honesty as study
@@ -244,6 +245,22 @@ def test_a_step_of_an_offset_is_named_with_its_instant(strength: float) -> None:
     assert [claim.effect for claim in found.claims] == ["bias_step"], study.short(found)
     instant = found.claims[0].parameters["t0"]
     assert instant.value == pytest.approx(0.55 * study.LENGTH_S, abs=5 * instant.std)
+
+
+@pytest.mark.parametrize("seed", [701, 702])
+def test_the_instant_of_a_small_step_is_not_moved_by_all_that_explains_a_part_of_it(seed: int) -> None:
+    """All columns together do most of what a step does: beside all of them it was found 10 s too early."""
+    motion = study.Motion(seed)
+    clean = motion.at(study.T_S)
+    noise = study.SIGMA * np.random.default_rng(seed + 10_000).standard_normal(clean.shape)
+    rows = clean + study.made("gyro step", motion, 3e2) + noise
+    recorded = {"t_s": study.T_S, **dict(zip(study.NAMES, rows, strict=True)), "temp_c": study.TEMP_C}
+    predicted = {"t_s": study.T_S, **dict(zip(study.NAMES, clean, strict=True))}
+    design = SimulationDesign(study.simulation_session(recorded, predicted), (), {})
+    (step,) = (one for one in design.candidates if one.id == "gyro_bias_step")
+    assert min(abs(v.shape["t0"] - 0.4 * study.LENGTH_S) for v in step.variants) < 1.5
+    # rows beside which the noise is learned hold one step of each kind at most
+    assert all(n - own.size <= 1 for n, own in zip(design.sizes, design.before_noise, strict=True))
 
 
 def test_a_step_of_a_gyro_is_named_though_it_leaves_a_little_correlated_noise() -> None:

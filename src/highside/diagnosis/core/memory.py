@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import chdtrc
 
 from highside.arrays import AnyArray, Array
@@ -63,6 +64,11 @@ class SlowEffect:
     first: int = 0
     tries: float = 1.0
     """shapes that were searched for this one"""
+
+    @property
+    def acts(self) -> NDArray[np.bool_]:
+        """(C,) on which channels: one amplitude is fitted to each."""
+        return np.asarray(self.function >= 0 if self.function.ndim == 1 else np.any(self.function != 0.0, axis=1))
 
 
 @dataclass(frozen=True, slots=True)
@@ -235,13 +241,14 @@ def slow_scores(
     channels: Sequence[Channel], slow: Sequence[SlowEffect], beside: Sequence[SlowScore] = ()
 ) -> tuple[list[SlowScore], Array, Array]:
     """How every slow effect fares beside those; what each gains of -2 log likelihood; the evidence of memory on the
-    channels of each.
+    channels that each acts on.
 
     The memory is chosen anew with each, so that differences of score between slow effects hold whether or not the
     noise contains a random walk.
     """
     tries = _tries(slow)
     gain, remaining, evidence = np.zeros((3, len(slow)))
+    acts = np.stack([e.acts for e in slow])
     for first in sorted({e.first for e in slow}):
         at = np.array([k for k, e in enumerate(slow) if e.first == first])
         functions = np.stack([slow[k].function for k in at])
@@ -252,10 +259,12 @@ def slow_scores(
             without = channel.without(columns[:, c])
             plain = float(without.min())
             tested = channel.with_each(columns[:, c], functions[:, c])
-            evidence[at] += float(without[0]) - plain
             gain[at] += plain - tested.min(axis=0)
-            remaining[at] += tested[0] - tested.min(axis=0)
-    log_p, score = _slow_log_p(gain, len(slow[0].function), tries), gain - 2 * np.log(tries)
+            # what other channels remember is no matter of this one's
+            own = acts[at, c]
+            evidence[at] += np.where(own, float(without[0]) - plain, 0.0)
+            remaining[at] += np.where(own, tested[0] - tested.min(axis=0), 0.0)
+    log_p, score = _slow_log_p(gain, _freedom(slow), tries), gain - 2 * np.log(tries)
     rows = zip(slow, log_p.tolist(), remaining.tolist(), score.tolist(), strict=True)
     return [SlowScore(*row) for row in rows], gain, evidence
 
@@ -277,6 +286,11 @@ def _tries(slow: Sequence[SlowEffect]) -> Array:
     return np.array([float(count[owners == e.candidate][0]) * e.tries for e in slow])
 
 
+def _freedom(slow: Sequence[SlowEffect]) -> Array:
+    """(len(slow),) amplitudes of each."""
+    return np.array([max(np.count_nonzero(e.acts), 1) for e in slow], dtype=float)
+
+
 def slow_effects(
     channels: Sequence[Channel],
     slow: Sequence[SlowEffect],
@@ -285,7 +299,7 @@ def slow_effects(
     most: int = 2,
 ) -> SlowStage:
     """Test each slow effect (`ids` name them) against the random walk, then again beside the first that is claimed."""
-    tries, own = _tries(slow), len(slow[0].function)
+    tries, own = _tries(slow), _freedom(slow)
 
     def scored(beside: Sequence[SlowScore]) -> tuple[list[SlowScore], Array, Array]:
         return slow_scores(channels, slow, beside)
@@ -324,7 +338,7 @@ def _pair(
     ids: Sequence[str],
     limits: SlowLimits,
     tries: Array,
-    channels: int,
+    freedom: Array,
     beside: Callable[[SlowScore], tuple[list[SlowScore], Array, Array]],
 ) -> list[SlowScore]:
     """Two that only together leave no random walk, each of which is needed beside the other; none if there are no
@@ -338,7 +352,7 @@ def _pair(
         after, more, evidence = beside(scores[k])
         # what the first gains where the second is there already
         beside_it = gain[k] + more - gain
-        back = _slow_log_p(beside_it, channels, tries[k])
+        back = _slow_log_p(beside_it, freedom, tries[k])
         for j, second in enumerate(after):
             if second.effect.candidate == scores[k].effect.candidate:
                 continue
@@ -361,6 +375,6 @@ def _pair(
     return best[1]
 
 
-def _slow_log_p(gain: Array, channels: int, tries: Array | float) -> Array:
-    """-log10 p of gains of -2 log likelihood by one function on each channel, the best of so many tries."""
-    return np.asarray(-np.log10(np.maximum(chdtrc(channels, np.maximum(gain, 0.0)), 1e-300)) - np.log10(tries))
+def _slow_log_p(gain: Array, freedom: Array | float, tries: Array | float) -> Array:
+    """-log10 p of gains of -2 log likelihood by so many amplitudes, the best of so many tries."""
+    return np.asarray(-np.log10(np.maximum(chdtrc(freedom, np.maximum(gain, 0.0)), 1e-300)) - np.log10(tries))

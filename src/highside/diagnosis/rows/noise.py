@@ -146,8 +146,10 @@ def windows(n: int) -> list[slice]:
     return [slice(int(s), int(s) + length) for s in starts]
 
 
-def estimate(design: Design, residual: Array, seed: int, *, coloured: bool = True) -> RotationNoise:
-    """The noise of a residual (C, N) after the base fit, everything in the design projected off.
+def estimate(
+    design: Design, residual: Array, seed: int, *, coloured: bool = True, only: Sequence[NDArray[np.intp]] | None = None
+) -> RotationNoise:
+    """The noise of a residual (C, N) after the base fit, all in the design, or `only` these functions, projected off.
 
     Without `coloured` it is taken for white and equally large at all times.
     """
@@ -155,7 +157,8 @@ def estimate(design: Design, residual: Array, seed: int, *, coloured: bool = Tru
     parts = windows(session.n)
     made: list[list[Array]] = [[] for _ in session.channels]
     for part in parts:
-        for c, functions in enumerate(design.functions(slice(max(0, part.start - 2 * ROW_NOISE.max_order), part.stop))):
+        led = slice(max(0, part.start - 2 * ROW_NOISE.max_order), part.stop)
+        for c, functions in enumerate(design.functions(led, only=only)):
             made[c].append(functions)
 
     def of(c: int) -> _Found:

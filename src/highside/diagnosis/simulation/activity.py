@@ -19,7 +19,7 @@ def by_activity(design: SimulationDesign, noise: RotationNoise, residual: Array)
     order = np.argsort(activity, kind="stable")
     bins = np.array_split(order, max(1, min(SIMULATION_CHOICE.most_bins, session.n // SIMULATION_CHOICE.least_in_bin)))
     weight = noise.weight.copy()
-    for c, functions in enumerate(design.functions(slice(0, session.n), residual)):
+    for c, functions in enumerate(design.functions(slice(0, session.n), residual, design.before_noise)):
 
         def left(c: int = c, functions: Array = functions) -> Array:
             white = replace(noise, weight=weight).whiten(c, functions, slice(0, session.n))
@@ -39,6 +39,6 @@ def by_activity(design: SimulationDesign, noise: RotationNoise, residual: Array)
             middles = [float(activity[rows].mean()) for rows in full]
             weight[c] /= np.maximum(np.interp(activity, middles, sizes), SIMULATION_CHOICE.quietest * max(sizes))
         innovations = left()
-        freedom = int(np.sum(weight[c] > 0)) - design.sizes[c]
+        freedom = int(np.sum(weight[c] > 0)) - design.before_noise[c].size
         weight[c] *= np.sqrt(freedom / max(float(innovations @ innovations), 1e-300))
     return replace(noise, weight=weight)

@@ -14,11 +14,12 @@ from numpy.typing import NDArray
 
 from highside.arrays import Array
 from highside.diagnosis.core.candidates import Candidate, Unobservable, Variant
+from highside.diagnosis.core.policy import REGRESSION
 from highside.diagnosis.core.regression import span
 from highside.diagnosis.rows.bases import BasisGroup
 from highside.diagnosis.rows.design import Design
 from highside.diagnosis.rows.spectrum import strongest_line
-from highside.diagnosis.simulation.policy import SIMULATION_COLUMNS
+from highside.diagnosis.simulation.policy import SIMULATION_CHOICE, SIMULATION_COLUMNS
 from highside.diagnosis.simulation.session import SimulationSession
 from highside.physics.channel_effect import ChannelEffect, OnChannels
 from highside.physics.channels import ChannelTerm, kind_of
@@ -70,6 +71,8 @@ class SimulationDesign(Design):
         self._rows: list[list[Array]] = [[] for _ in session.names]
         self.tangents: dict[str, Ints] = {}
         """Of effects that move the clock the columns by which they are fitted"""
+        self._again: set[int] = set()
+        """Columns of steps at instants beyond the first"""
         self._add_effects(session)
         self._add_products(session)
         self._add_line(session)
@@ -83,6 +86,10 @@ class SimulationDesign(Design):
         self.where = np.array(self._columns)
         self.sizes = [len(rows) for rows in self._rows]
         self._stacked = [np.stack(rows) for rows in self._rows]
+        again = self.where[sorted(self._again)].T if self._again else [np.empty(0, dtype=np.intp)] * len(self.sizes)
+        self.before_noise = [np.setdiff1d(np.arange(n), own) for n, own in zip(self.sizes, again, strict=True)]
+        """(m,) functions of each channel beside which the noise is learned: a step at one instant of a random walk is
+        enough for it not to pass for colour, and more would take the random walk itself"""
 
     def _add_effects(self, session: SimulationSession) -> None:
         """The base, the effects of the library that may act on these channels, and why others cannot be seen."""
@@ -144,35 +151,50 @@ class SimulationDesign(Design):
         rows, step_s = _within_band(session, left[shown] / size[shown])
         found = strongest_line(rows, np.arange(rows.shape[1], dtype=float)) if shown.any() else None
         if found is not None and TONE.id not in self.free:
-            self._add_found(session, TONE, {TONE_SHAPE: found / step_s}, max(session.n // 2, 1))
+            self._add_found(session, TONE, [{TONE_SHAPE: found / step_s}], max(session.n // 2, 1))
 
     def _add_step(self, session: SimulationSession, effect: BiasStep) -> None:
-        """The strongest step of the channels that an effect acts on, at the instant where it explains most."""
+        """The strongest step of the channels that an effect acts on, at the instants where it explains most: beside all
+        effects, and beside those alone that explain more than it does."""
         kinds = session.as_channels(self.about).kinds()
         members = [c for kind, own in kinds.items() if effect.steps_on(kind) for c in own]
-        kept = _kept(session)
-        margin = max(2, round(SIMULATION_COLUMNS.margin * session.n))
-        left = self._left(session)
-        best: tuple[float, int, int] | None = None
-        for c in members:
-            size = float(left[c].std())
-            if size <= SIMULATION_COLUMNS.nothing:
-                continue
-            space = self._space(c, kept)
-            # of steps at each row: what lies outside of the effects, and how much of it is left
-            after = np.cumsum(space[:, ::-1], axis=1)[:, ::-1]
-            bare = np.cumsum(kept[::-1])[::-1] - np.sum(after**2, axis=0)
-            moment = np.cumsum(left[c][::-1])[::-1] / size
-            gain = np.where(bare > SIMULATION_COLUMNS.least_step, moment**2 / np.maximum(bare, 1e-9), 0.0)
-            gain[:margin] = gain[session.n - margin :] = 0.0
-            at = int(np.argmax(gain))
-            if gain[at] > 0.0 and (best is None or gain[at] > best[0]):
-                best = (float(gain[at]), c, at)
-        if best is None or effect.id in self.free:
+        if effect.id in self.free:
             return
-        since_s = self._instant(session, left[best[1]], self._space(best[1], kept), kept, best[2])
+        kept = _kept(session)
+        instants: list[float] = []
+        for spaces in ([self._space(c, kept) for c in members], [self._clearer(session, c, kept) for c in members]):
+            best: tuple[float, float] | None = None
+            for c, space in zip(members, spaces, strict=True):
+                left = (session.readings[c] - session.original[c]) * kept
+                left = left - (left @ space.T) @ space
+                size = float(left.std())
+                gain, at = _best_step(left, space, kept) if size > SIMULATION_COLUMNS.nothing else (0.0, 0)
+                if gain > 0.0 and (best is None or gain / size**2 > best[0]):
+                    best = gain / size**2, self._instant(session, left, space, kept, at)
+            if best is not None and all(abs(best[1] - one) >= session.step_s for one in instants):
+                instants.append(best[1])
         (epoch,) = (p.name for p in effect.parameters if p.epoch)
-        self._add_found(session, effect, {epoch: since_s}, session.n)
+        self._add_found(session, effect, [{epoch: since_s} for since_s in instants], session.n)
+
+    def _clearer(self, session: SimulationSession, channel: int, kept: Array) -> Array:
+        """(r, n) orthonormal: of an offset and a channel's columns those that explain more than any step beside them.
+
+        All columns together do most of what a step does, though each alone does little of it.
+        """
+        rows = np.vstack([kept, *self._rows[channel]]) * kept
+        rows = rows / np.maximum(np.linalg.norm(rows, axis=1, keepdims=True), 1e-300)
+        space = np.empty((0, kept.size))
+        left = (session.readings[channel] - session.original[channel]) * kept
+        for _ in range(SIMULATION_CHOICE.most_named):
+            left = left - (left @ space.T) @ space
+            bare = rows - (rows @ space.T) @ space
+            norm = np.sum(bare**2, axis=1)
+            gain = np.where(norm > REGRESSION.independent, (bare @ left) ** 2 / np.maximum(norm, 1e-300), 0.0)
+            best = int(np.argmax(gain))
+            if gain[best] <= _best_step(left, space, kept)[0]:
+                break
+            space = np.vstack([space, bare[best] / np.sqrt(norm[best])])
+        return space
 
     @staticmethod
     def _instant(session: SimulationSession, left: Array, space: Array, kept: Array, row: int) -> float:
@@ -183,16 +205,25 @@ class SimulationDesign(Design):
         bare = steps - (steps @ space.T) @ space
         return float(tried[int(np.argmax((bare @ left) ** 2 / np.maximum(np.sum(bare**2, axis=1), 1e-9)))])
 
-    def _add_found(self, session: SimulationSession, found: Effect, shape: dict[str, float], searched: int) -> None:
-        """A candidate whose shape was searched."""
-        about = {**self.about, found.id: tuple(shape.values())}
-        for term in found.on_channels(session.as_channels(about)):
-            effect = OnChannels(found, term)
-            tried = [[self._put(column) for column in columns] for columns in term.columns]
-            variants = [replace(v, shape=shape) for v in _variants(effect, tried)]
+    def _add_found(
+        self, session: SimulationSession, found: Effect, shapes: Sequence[dict[str, float]], searched: int
+    ) -> None:
+        """A candidate whose shape was searched, with each of those that were found."""
+        variants: list[Variant] = []
+        effect, tries = None, 0
+        for shape in shapes:
+            about = {**self.about, found.id: tuple(shape.values())}
+            for term in found.on_channels(session.as_channels(about)):
+                effect = OnChannels(found, term)
+                tried = [[self._put(column) for column in columns] for columns in term.columns]
+                if shape is not shapes[0]:
+                    self._again |= {number for numbers in tried for number in numbers if number >= 0}
+                own = [replace(v, shape=shape) for v in _variants(effect, tried)]
+                # it was searched on each channel
+                tries = max(tries, searched * max(len(own), 1))
+                variants += own
+        if effect is not None:
             names = tuple(p.name for p in effect.parameters)
-            # it was searched on each channel
-            tries = searched * max(len(variants), 1)
             self.candidates.append(Candidate(effect.id, effect, names, tuple(variants), searched=tries))
 
     def _put_visible(self, effect: Effect, columns: Array, scatter: Array) -> list[int]:
@@ -347,6 +378,21 @@ def _functions(session: SimulationSession) -> list[list[list[Array]]]:
     channels = range(len(session.names))
     found = [[functions for _ in channels] for _, _, functions, _ in _covariates(session)]
     return found + [functions for _, functions in _changing(session)]
+
+
+def _best_step(left: Array, space: Array, kept: Array) -> tuple[float, int]:
+    """What the best step explains of what a space (r, n) leaves (n,), and its row.
+
+    Of steps at each row there counts what lies outside of the space, in the rows that are kept.
+    """
+    margin = max(2, round(SIMULATION_COLUMNS.margin * left.size))
+    after = np.cumsum(space[:, ::-1], axis=1)[:, ::-1]
+    bare = np.cumsum(kept[::-1])[::-1] - np.sum(after**2, axis=0)
+    moment = np.cumsum(left[::-1])[::-1]
+    gain = np.where(bare > SIMULATION_COLUMNS.least_step, moment**2 / np.maximum(bare, 1e-9), 0.0)
+    gain[:margin] = gain[left.size - margin :] = 0.0
+    at = int(np.argmax(gain))
+    return float(gain[at]), at
 
 
 def _kept(session: SimulationSession) -> Array:

@@ -112,7 +112,7 @@ class SimulationProblem(RowsProblem):
             rows = (columns / sizes * kept).reshape(len(columns), -1)
             weights = np.linalg.lstsq(rows.T, (residual / sizes * kept).reshape(-1), rcond=1e-9)[0]
             residual = residual - np.tensordot(weights, columns, 1)
-        noise = by_activity(design, estimate(design, residual, seed), residual)
+        noise = by_activity(design, estimate(design, residual, seed, only=design.before_noise), residual)
         return cls(
             design.candidates,
             design.unobservable,
