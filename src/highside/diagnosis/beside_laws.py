@@ -23,7 +23,7 @@ from highside.diagnosis.laws.claims import ReportedLaw, cases_of_laws, heldout_o
 from highside.diagnosis.laws.effects import EffectGroup
 from highside.diagnosis.laws.free_rivals import as_rivals, with_free_rivals
 from highside.diagnosis.laws.groups import groups_of
-from highside.diagnosis.laws.policy import LAW_VERDICT
+from highside.diagnosis.laws.policy import LAW_SEARCH, LAW_VERDICT
 from highside.diagnosis.laws.search import Found, Search
 from highside.diagnosis.name_groups import name_groups, resembled
 from highside.physics import effects as library
@@ -77,12 +77,11 @@ def with_laws(
     if (refused := _refused_by_name(session, model, diagnosis, report.withheld)) is not None:
         return refused, report
     outcome = _chosen(session, model, chain, near, frozenset(changing))
-    random_walk = diagnosis.verdict == "wander"
-    outcome = replace(
-        outcome,
-        names=tuple(c for c in outcome.names if c.effect in known or not random_walk or _beats_random_walk(c)),
-        laws=tuple(one for one in outcome.laws if _believed(one, outcome, random_walk)),
-    )
+    if diagnosis.verdict == "wander" and not chain:
+        outcome = _beside_random_walk(outcome, model)
+    if outcome.names:
+        large = tuple(one for one in outcome.laws if (one.claim.share or 0.0) >= LAW_VERDICT.least_share)
+        outcome = replace(outcome, laws=large)
     if outcome.implausible and outcome.names:
         return _refused(diagnosis, outcome), report
     if not outcome.laws and all(c.effect in known for c in outcome.names):
@@ -90,8 +89,7 @@ def with_laws(
         diagnosis = replace(diagnosis, claims=tuple(told.get(c.effect, c) for c in diagnosis.claims))
         return with_identified_noise(diagnosis, outcome.found), report
     # rounding is a function of the reading too: what is below half its step is no law
-    large = [np.any(np.abs(one.effect) > session.lattice[:, None] / 2) for one in outcome.laws]
-    if not all(large):
+    if not all(np.any(np.abs(one.effect) > session.lattice[:, None] / 2) for one in outcome.laws):
         return diagnosis, report
     others = tuple(c for c in diagnosis.claims if c not in chain)
     laws = tuple(
@@ -103,6 +101,9 @@ def with_laws(
         verdict = "named_plus"
     final = _final(session, model, outcome)
     after = np.asarray(session.observed.residual(final))
+    fit = _fit(session, outcome.found, report, after, diagnosis.fit)
+    if not (diagnosis.claims or outcome.names) and _explains_nothing(fit):
+        return diagnosis, report
     places = tuple(location_of(c) for c in laws)
     kept = diagnosis.location if outcome.names and (diagnosis.claims or not laws) else ()
     made = replace(
@@ -110,7 +111,7 @@ def with_laws(
         verdict=verdict,
         location=(*kept, *places),
         claims=claims,
-        fit=_fit(session, outcome.found, report, after, diagnosis.fit),
+        fit=fit,
         remainder=beside_laws(diagnosis.remainder, [c.effect for c in claims]),
         noise={**diagnosis.noise, "beside_laws": outcome.found.noise.summary()},
     )
@@ -159,17 +160,37 @@ def _explained(diagnosis: DiagnosisResult, report: ReportData) -> bool:
     return bool(diagnosis.claims) and left < LAW_VERDICT.least_share * given
 
 
-def _believed(one: ReportedLaw, outcome: _Outcome, random_walk: bool) -> bool:
-    """Whether a law is more than what strong names leave of themselves, or than a random walk that was found."""
-    claim = one.claim
-    if outcome.names and (claim.share or 0.0) < LAW_VERDICT.least_share:
-        return False
+def _beside_random_walk(outcome: _Outcome, model: ForwardModel) -> _Outcome:
+    """What is believed where a random walk of the zero offset was found: of what may be that walk, what gains enough
+    beside it by itself or together; and of all else what is worth its claim without what is not believed."""
+    if outcome.implausible:
+        return outcome
+    found = outcome.found
+    for _ in range(len(found.terms)):
+        slow = {k for k, term in enumerate(found.terms) if _as_slow(found, k, term.group.effect)}
+        doubted = {k for k in slow if found.gains[k] < LAW_VERDICT.beside_random_walk}
+        # several that leave nothing of the walk stand in its place together
+        together = doubted if found.noise.remembers else slow
+        if doubted and found.gain_of(together) < LAW_VERDICT.beside_random_walk:
+            kept = [k for k in range(len(found.terms)) if k not in doubted]
+        else:
+            kept = [k for k, gain in enumerate(found.gains) if gain >= LAW_SEARCH.gain]
+        if len(kept) == len(found.terms):
+            break
+        found = found.only(kept)
+    if found is outcome.found:
+        return outcome
+    names = with_free_rivals(_names_of(found, model), found)
+    return _Outcome(names, tuple(reported_laws(found, model.ids)), found)
+
+
+def _as_slow(found: Found, k: int, effect: str) -> bool:
+    """Whether a term may be a random walk of a zero offset."""
+    if effect:
+        return library.get(effect).slow
     # at one inclination an element of the load matrix is an offset: what may be one is judged as one
-    shifts = claim.place in OFFSETS or any(
-        id_.startswith(tuple(f"{PREFIX}{place}_" for place in OFFSETS)) for id_ in claim.equivalence_class
-    )
-    slow = shifts and SLOW.issuperset(claim.depends_on)
-    return not (random_walk and slow) or claim.p_familywise <= np.exp(-LAW_VERDICT.beside_random_walk)
+    shifts = any(group.place in OFFSETS for group in found.classes[k])
+    return shifts and SLOW.issuperset(found.terms[k].group.depends_on)
 
 
 def _refused_by_name(
@@ -199,11 +220,6 @@ def _refused(diagnosis: DiagnosisResult, outcome: _Outcome) -> DiagnosisResult:
     told = (" or " if len(outcome.names) == 1 else " and ").join(map(title_of, names))
     words = f"only {told} would explain it, of a size that no instrument has"
     return hinted(replace(diagnosis, verdict="implausible_fit", remainder=remainder), words)
-
-
-def _beats_random_walk(name: Claim) -> bool:
-    """Whether a name that was found among laws is no random walk of a zero offset, where one was found."""
-    return not library.get(name.effect).slow or name.p_familywise <= np.exp(-LAW_VERDICT.beside_random_walk)
 
 
 # --- the choice ----------------------------------------------------------------------------------------------
@@ -391,6 +407,12 @@ def _fit(session: LawSession, found: Found, report: ReportData, after: Array, be
         how_held_out=held.words,
         row_noise=None if before is None else before.row_noise,
     )
+
+
+def _explains_nothing(fit: Fit) -> bool:
+    """Whether nearly all of a misfit larger than the noise is left."""
+    before, after = (rmse**2 - fit.noise_floor**2 for rmse in (fit.rmse_before, fit.rmse_after))
+    return before > fit.noise_floor**2 and after > (1.0 - LAW_VERDICT.least_explained) * before
 
 
 def laws_of(diagnosis: DiagnosisResult) -> tuple[Law, ...]:

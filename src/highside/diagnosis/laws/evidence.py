@@ -90,6 +90,12 @@ class Families:
         made.barred = frozenset(i for i, group in enumerate(self.groups) if group.effect)
         return made
 
+    def of(self, groups: list[LawGroup]) -> Families:
+        """The same with these groups, the first of which are its own."""
+        made = Families(self.problem, groups)
+        made.barred = self.barred
+        return made
+
     def whitened(self, whitener: Whitener) -> _WhiteFamilies:
         """All groups under a noise; those of the last noise are kept."""
         for one in self._kept:
@@ -218,6 +224,10 @@ class Whitened:
         self.families, self.whitener = families, whitener
         self.residual, self._raw = whitener.white(residual[None])[0], residual
         self._scored: dict[tuple[object, ...], tuple[Array, list[Prior]]] = {}
+
+    def of_groups(self, groups: list[LawGroup]) -> Whitened:
+        """The same residual and noise beside other groups."""
+        return Whitened(Families(self.families.problem, groups), self.whitener, self._raw)
 
     @property
     def groups(self) -> _WhiteFamilies:

@@ -405,6 +405,9 @@ class LawVerdictPolicy:
     """Nats that an offset that follows time or temperature must gain where a random walk of the zero offset was found.
     Source: such a random walk in a rotation of 12 minutes (tests/unit/test_diagnosis_rotation.py) was worth 15.7;
     levels of a random walk that is sampled in cells are learned less well than white noise."""
+    least_explained: float = 0.01
+    """Share of the misfit above the noise below which laws, where that misfit is larger than the noise, are no answer.
+    Source: an offset that swings ever faster was told as a law of the rate that explained less than a thousandth."""
     least_share: float = 1e-5
     """Share of the misfit below which a law beside names is none. Source: two effects of 30 mg (lever arm, late clock)
     leave 3e-7 of what they do to the means over cells (tests/unit/test_diagnosis_long.py)."""

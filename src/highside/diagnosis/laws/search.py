@@ -1,8 +1,8 @@
-"""The search: which laws, beside which noise. Two starts, the higher evidence stays."""
+"""The search: which laws, beside which noise. Two starts, and a third from edges; the highest evidence stays."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -11,6 +11,7 @@ import numpy as np
 
 from highside.arrays import Array
 from highside.diagnosis.core.regression import flattened
+from highside.diagnosis.laws.edges import several_edges
 from highside.diagnosis.laws.effects import EffectGroup
 from highside.diagnosis.laws.evidence import Families, LawTerm, Prior, Whitened, raw_columns
 from highside.diagnosis.laws.groups import LawGroup, confounded, groups_of, one_quantity, same_angle, values_of
@@ -48,12 +49,31 @@ class Found:
     @cached_property
     def without_memory(self) -> float:
         """Evidence of the terms beside the best noise that is not correlated from value to value."""
-        return NoiseLearner(self.problem).without_memory(self.terms, self.residual)
+        return self.learner.without_memory(self.terms, self.residual)
 
     @cached_property
     def to_the_floor(self) -> float:
-        """Evidence of the terms beside the floor and errors of the set angles, and nothing else."""
-        return NoiseLearner(self.problem).without_memory(self.terms, self.residual, to_the_floor=True)
+        """The same beside the floor and errors of the set angles alone."""
+        return self.learner.without_memory(self.terms, self.residual, to_the_floor=True)
+
+    @cached_property
+    def learner(self) -> NoiseLearner:
+        """Of the noise beside some of the terms."""
+        return NoiseLearner(self.problem)
+
+    def gain_of(self, which: Collection[int]) -> float:
+        """Nats that the removal of these terms together costs with the noise learnt again."""
+        others = [t for k, t in enumerate(self.terms) if k not in which]
+        tries = sum(float(np.log(self.terms[k].group.tries)) for k in which)
+        return self.evidence - self.learner.learn(others, self.residual)[1] - tries
+
+    def only(self, kept: Sequence[int]) -> Found:
+        """These terms alone, with the noise learnt again."""
+        terms = tuple(self.terms[k] for k in kept)
+        noise, found = self.learner.learn(terms, self.residual)
+        classes = tuple(self.classes[k] for k in kept)
+        one = replace(self, terms=terms, noise=noise, evidence=found, classes=classes, gains=(0.0,) * len(kept))
+        return replace(one, gains=tuple(one.gain_of([k]) for k in range(len(kept))))
 
     def whitened(self) -> Whitened:
         """Everything under the noise that was learnt."""
@@ -107,7 +127,7 @@ class Search:
         return made
 
     def run(self) -> Found:
-        """Both starts; the higher evidence stays."""
+        """All starts; the highest evidence stays."""
         floor = LawNoise.floor_alone(self.problem)
         first = self._learn([], self.problem.residual)
         quiet = self._whitened(_State([], floor, 0.0, self.problem.residual))
@@ -120,16 +140,38 @@ class Search:
         one = self._proved(self._grown(first, relearn=True))
         two = self._learn(other.terms, self.problem.residual)
         # noise that explains more than all of its laws needs no further look
-        if two.worth < one.worth or _which(two.terms) == _which(one.terms):
-            return self._found(one)
-        two = self._proved(self._grown(self._proved(two), relearn=True))
-        return self._found(max((one, two), key=lambda s: s.worth))
+        if two.worth >= one.worth and _which(two.terms) != _which(one.terms):
+            two = self._proved(self._grown(self._proved(two), relearn=True))
+            one = max((one, two), key=lambda s: s.worth)
+        return self._found(self._from_edges(one) if self.problem.every_pair and one.noise.remembers else one)
+
+    def _from_edges(self, best: _State) -> _State:
+        """What was found, its noise taking something slow, or edges that do better, and what goes with them."""
+        first = best
+        for k, run in enumerate(several_edges(self.problem, self.groups, self.problem.residual)):
+            before = -np.inf
+            for terms in run:
+                state = self._learn(terms, self.problem.residual)
+                best = max((best, state), key=lambda s: s.worth)
+                if state.worth < before or not state.noise.remembers:
+                    break
+                before = state.worth
+            if k > 0 and not best.noise.remembers:
+                break
+        if best is first:
+            return first
+        self._tried.update(t.group for t in best.terms)
+        self.groups = [*self.groups, *(t.group for t in best.terms if t.group not in self.groups)]
+        self.families = self.families.of(self.groups)
+        return max((first, self._proved(self._grown(self._proved(best), relearn=True))), key=lambda s: s.worth)
 
     def beside(self, fixed: Sequence[LawGroup], terms: Sequence[LawTerm]) -> Found:
         """These groups and the laws of another search; of them stays what is worth it, with the noise learnt again."""
         kept = [t.group for t in terms if not t.group.effect]
-        same = {g.label: g for g in self.groups}
-        trial = [LawTerm(g, Prior(1.0, 1.0)) for g in (*fixed, *(self._like(g, same) for g in kept))]
+        trial = [LawTerm(g, Prior(1.0, 1.0)) for g in (*fixed, *map(self._like, kept))]
+        if more := [t.group for t in trial if t.group not in self.groups]:
+            self.groups = [*self.groups, *more]
+            self.families = Families(self.problem, self.groups)
         state = self._learn(trial, self.problem.residual)
         for _ in range(LAW_SEARCH.rounds):
             white = self._whitened(state)
@@ -141,12 +183,10 @@ class Search:
             state = self._learn(trial, self.problem.residual)
         return self._found(self._proved(state))
 
-    def _like(self, group: LawGroup, same: dict[str, LawGroup]) -> LawGroup:
-        """The group of this search that is the one of another: same label and same functions."""
-        for own in self.groups:
-            if own.label == group.label and own.axes == group.axes:
-                return own
-        return same[group.label]
+    def _like(self, group: LawGroup) -> LawGroup:
+        """The group of this search that is the one of another, of the same label and functions; itself if none is."""
+        alike = (own for own in self.groups if own.label == group.label and own.axes == group.axes)
+        return next(alike, group)
 
     # -- steps
 

@@ -13,6 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from highside.arrays import Array
+from highside.diagnosis.laws.edges_policy import EDGES
 from highside.diagnosis.laws.groups import LawGroup, axis_of, one_quantity, values_of
 from highside.diagnosis.laws.policy import LAW_GROUPS, LAW_SEARCH
 from highside.diagnosis.laws.problem import LawProblem
@@ -31,8 +32,8 @@ def variants_of(problem: LawProblem, group: LawGroup) -> list[LawGroup]:
     """What is tried in the place of a group; nothing for effects of the library and for what has variants already."""
     if group.effect:
         return []
-    if group.depends_on == ("time",) and group.axes[0].functions[0].kind in IN_TIME:
-        return _between(problem, group)
+    if len(group.axes) == 1 and group.axes[0].functions[0].kind in IN_TIME:
+        return moved(problem, group)
     if any(f.kind == ONSET for axis in group.axes for f in axis.functions):
         return []
     return [
@@ -45,23 +46,26 @@ def variants_of(problem: LawProblem, group: LawGroup) -> list[LawGroup]:
     ]
 
 
-def _between(problem: LawProblem, group: LawGroup) -> list[LawGroup]:
-    """A step, ramp or decay that begins at another time up to the next place that was tried; a decay of other time
-    constants as well."""
+def moved(problem: LawProblem, group: LawGroup) -> list[LawGroup]:
+    """A step, ramp or decay that begins elsewhere up to the next place that was tried; a decay of other time constants
+    as well."""
     (axis,) = group.axes
     kind, (at, *constants) = axis.functions[0].kind, axis.functions[0].numbers
-    t = np.unique(problem.covariates["time"])
-    middle = (t[1:] + t[:-1]) / 2
-    near = middle[np.abs(middle - at) <= (t[-1] - t[0]) / (LAW_GROUPS.steps - 1)]
+    values = np.unique(values_of(problem, axis.covariate, group.units[0]))
+    middle = (values[1:] + values[:-1]) / 2
+    tried = LAW_GROUPS.steps if axis.covariate == "time" else EDGES.steps_over
+    every = -(-middle.size // max(tried - 1, 1))
+    at_middle = int(np.searchsorted(middle, at))
+    near = middle[max(at_middle - every, 0) : at_middle + every + 1]
     if near.size > LAW_GROUPS.onsets_between:
         near = near[np.unique(np.linspace(0, near.size - 1, LAW_GROUPS.onsets_between).astype(int))]
     shapes = [(float(onset), *constants) for onset in near if onset != at]
     shapes += [(at, tau * factor) for tau in constants for factor in LAW_GROUPS.decays_between]
     made = []
     for numbers in shapes:
-        moved = replace(axis, functions=(Function(kind, numbers),))
-        basis, _ = _product(problem, group, [moved])
-        made.append(replace(group, axes=(moved,), basis=basis))
+        other = replace(axis, functions=(Function(kind, numbers),))
+        basis, _ = _product(problem, group, [other])
+        made.append(replace(group, axes=(other,), basis=basis))
     return made
 
 
