@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import fnmatch
+import re
 from typing import Any
 
 import numpy as np
@@ -30,6 +31,8 @@ PLACES = (
     "channel_offset", "channel_factor", "channel_delay",
 )  # fmt: skip
 """where an answer may put a law"""
+COVARIATES_OF_LABEL = re.compile(r"((?:previous_)?load_[xyz]|.+?)(?:_x_(.+))?")
+"""one name or two; that of a load may end as the word between two begins"""
 QUIET = ("nothing_left_out", "not_testable")
 
 
@@ -129,15 +132,14 @@ def key_of(claim: Row) -> Key:
 
 
 def key_of_label(label: str) -> Key | None:
-    """Place and covariates of `law:place-covariate-covariate`, as classes tell their members."""
-    if not label.startswith("law"):
+    """Place and covariates of `law:place_channels_covariate_x_covariate`, as classes tell their members."""
+    own = label.removeprefix("law:").partition("--")[0]
+    place = max((p for p in PLACES if own.startswith(f"{p}_")), key=len, default="")
+    if not label.startswith("law:") or not place:
         return None
-    parts = label.removeprefix("law:")
-    place = max((p for p in PLACES if parts.startswith(p)), key=len, default="")
-    rest = parts[len(place) :].strip("-_: ()")
-    for sign in (" x ", "(", ")", ",", ":", "+", "*"):
-        rest = rest.replace(sign, "-")
-    return place, frozenset(part.strip() for part in rest.split("-") if part.strip())
+    follows = own.removeprefix(f"{place}_").partition("_")[2]
+    names = COVARIATES_OF_LABEL.fullmatch(follows)
+    return place, frozenset(name for name in names.groups() if name) if names else frozenset()
 
 
 def is_law(claim: Row) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import replace
+from itertools import permutations
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from highside.diagnosis.laws.effects import EffectGroup
 from highside.diagnosis.laws.groups import LawGroup, groups_of
 from highside.diagnosis.laws.problem import LawProblem, PlaceField
 from highside.diagnosis.laws.search import Search
+from highside.physics.covariates import COVARIATES, joined, parted
 from highside.physics.effects import all_effects
 from highside.physics.forward import ForwardModel
 from highside.physics.law import Function
@@ -169,3 +171,14 @@ def test_laws_of_the_same_place_and_covariate_each_have_a_slug() -> None:
     model = ForwardModel.of({}).with_laws([laws[0].law]).with_laws([one.law for one in beside])
     assert model.ids == ("law:offset_x_time", "law:offset_x_time--2", "law:offset_x_time--3")
     assert [title_of_any(name) for name in model.ids] == [title_of_any("law:offset_x_time")] * 3
+
+
+def test_the_names_of_two_covariates_are_read_out_of_an_id() -> None:
+    """Those whose name ends as the word between them begins, too."""
+    for first, second in permutations([*COVARIATES, "supply_v"], 2):
+        assert parted(joined((first, second))) == (first, second)
+    for one in (*COVARIATES, "supply_v", "a_x_b"):
+        assert parted(one) == (one,)
+    assert title_of_any("law:inclination_inc_load_x_x_inc") == (
+        "an error of the reference inclination that follows load on x and inclination"
+    )

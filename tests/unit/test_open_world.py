@@ -233,14 +233,14 @@ def outsider() -> answers.Case:
 
 def test_an_answer_is_judged_by_place_covariates_and_what_lies_outside_of_its_names() -> None:
     case = outsider()
-    right = judging.judged(row(case, "law", claim("law:offset-temp", "offset", ("temp",)), closed=0.97))
+    right = judging.judged(row(case, "law", claim("law:offset_x_temp", "offset", ("temp",)), closed=0.97))
     assert right["exact"] and right["bucket"] == "right" and not right["wrong_name"] and right["closed"] == 0.97
-    other = judging.judged(row(case, "law", claim("law:offset-time", "offset", ("time",))))
+    other = judging.judged(row(case, "law", claim("law:offset_x_time", "offset", ("time",))))
     assert not other["exact"] and not other["in_class"] and other["bucket"] == "other law"
-    tied = claim("law:offset-time", "offset", ("time",), ("law:offset-temp",))
+    tied = claim("law:offset_x_time", "offset", ("time",), ("law:offset_x_temp",))
     assert judging.judged(row(case, "law", tied))["in_class"]
     two = judging.judged(
-        row(case, "law", claim("law:offset-temp", "offset", ("temp",)), claim("law:scale-time", "scale", ("time",)))
+        row(case, "law", claim("law:offset_x_temp", "offset", ("temp",)), claim("law:scale_x_time", "scale", ("time",)))
     )
     assert not two["exact"], "something else is claimed beside it"
     wrong = judging.judged(row(case, "named", claim("temperature_bias"), outside=41.0))
@@ -252,11 +252,28 @@ def test_an_answer_is_judged_by_place_covariates_and_what_lies_outside_of_its_na
     assert judging.judged({**row(case, "unknown"), "answer": None})["bucket"] == "error"
 
 
+def test_the_members_of_a_class_are_read() -> None:
+    """Ids as the engine writes them; whatever is no law is none."""
+    for label, key in {
+        "law:level_x_temp": ("level", {"temp"}),
+        "law:scale_all_xyz_load_z": ("scale_all", {"load_z"}),
+        "law:inclination_inc_load_x_x_load_y": ("inclination", {"load_x", "load_y"}),
+        "law:offset_y_load_x_inc": ("offset", {"load", "inc"}),
+        "law:matrix_xz_temp_filtered_1200_x_time--2": ("matrix", {"temp_filtered_1200", "time"}),
+    }.items():
+        assert judging.key_of_label(label) == (key[0], frozenset(key[1])), label
+    assert judging.key_of_label("sag") is None
+    told = {"effect": "law:inclination_inc_temp", "place": "inclination", "depends_on": ["temp"]}
+    options = {("level", frozenset({"temp"}))}
+    assert not judging._in_class(options, told)
+    assert judging._in_class(options, {**told, "equivalence_class": ["law:inclination_inc_temp", "law:level_x_temp"]})
+
+
 def test_nulls_known_effects_and_other_words_for_a_law_are_judged() -> None:
     null = answers.Case("null/0", "null", "poses", {}, "")
     assert not judging.judged(row(null, "nothing_left_out"))["alarm"]
     assert judging.judged(row(null, "unknown"))["alarm"]
-    assert judging.judged(row(null, "law", claim("law:offset-temp", "offset", ("temp",))))["false_law"]
+    assert judging.judged(row(null, "law", claim("law:offset_x_temp", "offset", ("temp",))))["false_law"]
     assert judging.judged(row(null, "named", claim("sag"), outside=0.0))["wrong_name"]
     walk = replace(null, noise="walk")
     assert not judging.judged(row(walk, "wander"))["alarm"]

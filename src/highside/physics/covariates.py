@@ -6,7 +6,7 @@ recording (`ChainState.extra`). Angles are in degrees, rates in deg/s, the load 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -117,3 +117,20 @@ def covariate(name: str) -> Covariate:
         return state.extra[name]
 
     return Covariate("", name, column)
+
+
+BESIDE = "_x_"
+"""between the names of the covariates of one law, in its id"""
+
+
+def joined(names: Sequence[str]) -> str:
+    """The names of the covariates of a law as its id has them."""
+    return BESIDE.join(names)
+
+
+def parted(words: str) -> tuple[str, ...]:
+    """One or two names from what `joined` made of them. A name may hold what stands between two (`load_x` beside `inc`
+    is `load_x_x_inc`): of all ways to part the words that in which most of them belong to names that are known."""
+    ends = [i for i in range(len(words)) if words.startswith(BESIDE, i)]
+    ways = [(words,), *((words[:i], words[i + len(BESIDE) :]) for i in ends)]
+    return max(ways, key=lambda names: sum(len(name) for name in names if name in COVARIATES))

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from highside.diagnosis.core.result import Claim, DiagnosisResult
-from highside.physics.covariates import covariate
+from highside.physics.covariates import covariate, parted
 from highside.physics.law import AGAIN
 from highside.physics.places import PLACES
 from highside.report.diagnosis_words import effect_name, sizes, within_sentence
@@ -92,7 +92,7 @@ def _of_law(name: str) -> tuple[str, str] | None:
         return None
     letter = "g" if place.startswith("gyro") else "a"
     shown = [letter + axis for axis in channels] if PLACES[place].triad else [channels]
-    return _place_words(place, shown), follows_words(follows.split("_x_"))
+    return _place_words(place, shown), follows_words(parted(follows))
 
 
 def _place_words(place: str, channels: Sequence[str]) -> str:

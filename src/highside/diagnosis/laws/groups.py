@@ -12,7 +12,7 @@ import numpy as np
 from highside.arrays import Array
 from highside.diagnosis.laws.policy import LAW_GROUPS
 from highside.diagnosis.laws.problem import LawProblem, PlaceField
-from highside.physics.covariates import COVARIATES, FILTERED
+from highside.physics.covariates import COVARIATES, FILTERED, joined
 from highside.physics.effect import AXES
 from highside.physics.law import Axis, Function
 from highside.physics.places import PLACES
@@ -89,7 +89,7 @@ class LawGroup:
     @property
     def label(self) -> str:
         """Place, channels and covariates in one word."""
-        return f"{self.place}_{''.join(u.channel for u in self.units)}_{'_x_'.join(self.depends_on)}"
+        return f"{self.place}_{''.join(u.channel for u in self.units)}_{joined(self.depends_on)}"
 
     @property
     def kind(self) -> tuple[str, tuple[str, ...], tuple[str, ...]]:
