@@ -59,6 +59,16 @@ def test_a_decay_while_poses_are_held_is_a_law_that_predicts_another_session(kin
     assert np.sum((true - own) ** 2) < 0.02 * np.sum(true**2)
 
 
+def test_beside_what_the_means_show_it_has_its_own_small_share() -> None:
+    columns = recording(1, "decay")[0]
+    load = load_of(columns["inc_ref_deg"], columns["tf_ref_deg"])
+    made = diagnose({**columns, "ax_g": columns["ax_g"] + 4e-3 * load[0] ** 2}, MODEL)
+    assert [claim.effect for claim in made.claims] == ["quadratic", "law:offset_y_time_since_move"]
+    name, law = (claim.share or 0.0 for claim in made.claims)
+    assert name + law == pytest.approx(1.0, abs=1e-9)
+    assert 0.001 < law < 0.1
+
+
 @pytest.mark.parametrize("kind", ["drift", "correlated", "nothing"])
 def test_a_drift_and_noise_with_memory_are_no_decay(kind: str) -> None:
     for seed in range(4):

@@ -132,6 +132,16 @@ def names_before_laws(
     return (made, data) if {c.effect for c in diagnosis.claims} <= names else None
 
 
+def with_shares(
+    names: Sequence[Claim], of_names: float, laws: Sequence[Claim]
+) -> tuple[tuple[Claim, ...], tuple[Claim, ...]]:
+    """Two sets of claims, found one after the other, with shares of all that is explained: the first have shares of
+    `of_names`, what they take together; those of the second are amounts in its unit."""
+    total = of_names + sum(claim.share or 0.0 for claim in laws)
+    named = tuple(replace(c, share=None if c.share is None else c.share * of_names / total) for c in names)
+    return named, tuple(replace(claim, share=(claim.share or 0.0) / total) for claim in laws)
+
+
 def beside_laws(remainder: Remainder, claimed: Sequence[str] = ()) -> Remainder:
     """What is told where laws are claimed: what they resemble, and which names have no constant size."""
     return Remainder(

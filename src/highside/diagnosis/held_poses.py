@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highside.arrays import Array
-from highside.diagnosis.beside_laws import beside_laws
+from highside.diagnosis.beside_laws import beside_laws, with_shares
 from highside.diagnosis.core.problem import ReportData
 from highside.diagnosis.core.result import DiagnosisResult, Fit, Verdict
 from highside.diagnosis.laws.claims import ReportedLaw, heldout_of
@@ -74,6 +74,12 @@ def with_since_move(
     if since is None or diagnosis.verdict in UNTOUCHED:
         return diagnosis, report
     claims = tuple(one.claim for one in since.laws)
+    names, fit = diagnosis.claims, diagnosis.fit
+    if names and fit is not None:
+        # the means do not show what the laws explain: mean squares of both kinds, g^2
+        of_rows = since.before_g**2 - since.after_g**2
+        own_shares = [replace(c, share=(c.share or 0.0) * of_rows) for c in claims]
+        names, claims = with_shares(names, max(fit.rmse_before**2 - fit.rmse_after**2, 0.0), own_shares)
     verdict: Verdict = "named_plus" if any(c.law is None for c in diagnosis.claims) else "law"
     held = heldout_of(since.found)
     floor = since.after_g
@@ -91,7 +97,7 @@ def with_since_move(
     made = replace(
         diagnosis,
         verdict=verdict,
-        claims=(*diagnosis.claims, *claims),
+        claims=(*names, *claims),
         fit=diagnosis.fit if diagnosis.claims else own,
         remainder=diagnosis.remainder if diagnosis.claims else beside_laws(diagnosis.remainder),
     )

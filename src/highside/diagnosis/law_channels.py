@@ -6,14 +6,13 @@ them like predictions that rise or fall, so that what a factor or a delay does k
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from highside.arrays import Array
-from highside.diagnosis.beside_laws import beside_laws
+from highside.diagnosis.beside_laws import beside_laws, with_shares
 from highside.diagnosis.core.problem import ReportData
 from highside.diagnosis.core.result import Claim, DiagnosisResult, Location, Verdict
 from highside.diagnosis.core.unexplained import hinted
@@ -79,7 +78,7 @@ def with_channel_laws(
             rmse_before=float(np.sqrt(np.mean(report.before[shown][:, kept] ** 2))),
             rmse_after=float(np.sqrt(np.mean(after[shown][:, kept] ** 2))),
         )
-    named, laws = _with_shares(names, max(float(np.sum(given - beside)), 0.0), claims)
+    named, laws = with_shares(names, max(float(np.sum(given - beside)), 0.0), claims)
     placed = tuple(replace(p, share_of_misfit=c.share or 0.0) for p, c in zip(places, laws, strict=True))
     made = replace(
         diagnosis,
@@ -90,16 +89,6 @@ def with_channel_laws(
         remainder=beside_laws(diagnosis.remainder),
     )
     return made, replace(report, after=after, parts=parts)
-
-
-def _with_shares(
-    names: Sequence[Claim], of_names: float, laws: Sequence[Claim]
-) -> tuple[tuple[Claim, ...], tuple[Claim, ...]]:
-    """Names and laws with shares of all that is explained; those of the laws are energies in units of the noise, as
-    `of_names`, what all names take."""
-    total = of_names + sum(claim.share or 0.0 for claim in laws)
-    named = tuple(replace(c, share=None if c.share is None else c.share * of_names / total) for c in names)
-    return named, tuple(replace(claim, share=(claim.share or 0.0) / total) for claim in laws)
 
 
 def _of_channel(
