@@ -336,7 +336,9 @@ def test_a_person_puts_the_proposal_in_force_and_takes_it_back_while_the_service
             health = ear.latest("health")
             assert health is not None
             assert health["monitor"]["out_of_range"] == tool.shocks == 1
-            assert health["monitor"]["gap"] == health["watch"]["dropped"] == 0
+            assert health["monitor"]["gap"] == 0
+            # at each of the two changes the stretch that was being collected was of the record before, and is counted
+            assert health["watch"]["dropped"] <= 2
             assert health["codec"]["bytes_junk"] == 0
             assert all(health["balance"].values())
             assert health["reload"] == {"count": 3, "refused": None}

@@ -103,7 +103,7 @@ def test_a_lot_of_few_tools_is_refused_in_words() -> None:
     few = lot_of(np.random.default_rng(5), COMMON.fewest_tools - 1, np.ones(7))
     (tested,) = judge([few], NAMES)
     assert not tested.common and not tested.outliers
-    assert tested.refused.startswith(f"{COMMON.fewest_tools - 1} tools")
+    assert tested.refused.startswith(f"tools: {COMMON.fewest_tools - 1};")
 
 
 def test_a_tool_that_stands_out_is_named_and_no_other() -> None:
