@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import re
 from pathlib import Path
 
@@ -33,3 +34,12 @@ def outside(text: str, between: str = "") -> str:
     while (shorter := re.sub("⟦[^⟦⟧]*⟧", between, text)) != text:
         text = shorter
     return text
+
+
+def written(node: ast.expr) -> str | None:
+    """A text of the sources, with a number in the place of each value."""
+    if isinstance(node, ast.Constant) and isinstance(node.value, str):
+        return node.value
+    if isinstance(node, ast.JoinedStr):
+        return "".join(str(part.value) if isinstance(part, ast.Constant) else "7" for part in node.values)
+    return None

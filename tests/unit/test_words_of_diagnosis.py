@@ -38,7 +38,7 @@ from highside.watch.result import WatchResult
 from highside.watch.surveys import Detectable
 from highside.words import LANGUAGES, catalogue, in_language
 from highside.words.marked import in_words
-from tests.brackets import outside
+from tests.brackets import outside, written
 
 SOURCES = Path(catalogue.__file__).parents[1] / "diagnosis"
 OTHERS = sorted(set(LANGUAGES) - {"en"})
@@ -73,15 +73,6 @@ PARTS_OF_WATCH = {
     # a line of the command and of the log
     "noise of 7 has 7: at rest 7 scatter 7 times what they did (7 mg), since 7 s, in 7 rests",
 }  # fmt: skip
-
-
-def written(node: ast.expr) -> str | None:
-    """A text of the sources, with a number in the place of each value."""
-    if isinstance(node, ast.Constant) and isinstance(node.value, str):
-        return node.value
-    if isinstance(node, ast.JoinedStr):
-        return "".join(str(part.value) if isinstance(part, ast.Constant) else "7" for part in node.values)
-    return None
 
 
 def texts(node: ast.AST) -> Iterator[str]:

@@ -23,7 +23,7 @@ from highside.rotation import Compensation, Samples, Validity
 from highside.rotation.compare import CurveComparison, compare
 from highside.rotation.curve import CurveMethod
 from highside.words import catalogue, in_language, told
-from tests.brackets import outside
+from tests.brackets import outside, written
 
 SOURCES = Path(catalogue.__file__).parents[1] / "rotation"
 SAYING = ("samples", "linear", "fourier", "network", "fit", "self_reference", "self_turntable")
@@ -34,15 +34,6 @@ NOT_SHOWN = re.compile(
     r"|7 \(7\) was taken; .*"
 )
 """Refused before there is a page"""
-
-
-def written(node: ast.expr) -> str | None:
-    """A text of the sources, with a number in the place of each value."""
-    if isinstance(node, ast.Constant) and isinstance(node.value, str):
-        return node.value
-    if isinstance(node, ast.JoinedStr):
-        return "".join(str(part.value) if isinstance(part, ast.Constant) else "7" for part in node.values)
-    return None
 
 
 def said_by(path: Path) -> set[str]:
