@@ -120,6 +120,32 @@ def test_a_step_in_surveys_that_kept_their_scatter_is_said_at_once(tmp_path: Pat
     assert "b_x" in claim.equivalence_class
 
 
+@pytest.mark.parametrize("how", ["not set at first", "set back", "far ahead once", "merged from two files"])
+def test_a_clock_that_jumps_between_surveys_moves_no_departure(
+    how: str, departing: Path, tool: highside.Calibration, tmp_path: Path
+) -> None:
+    """The order in which they were kept stands, and the time of the jump is counted as none, which is said."""
+    plain = highside.analyse_surveys(departing, tool).found.claims[0]
+    rows = [json.loads(line) for line in departing.read_text().splitlines()]
+    for k, row in enumerate(rows):
+        if how == "not set at first" and k < 10:
+            row["t"] -= 1.7e9
+        if how == "set back" and k >= 30:
+            row["t"] -= 86_400.0
+        if how == "far ahead once" and k == 30:
+            row["t"] = 9e10
+    if how == "merged from two files":
+        rows = rows[30:] + rows[:30]
+    path = tmp_path / "jumps.jsonl"
+    path.write_text("\n".join(map(json.dumps, rows)))
+    found = highside.analyse_surveys(path, tool)
+    (claim,) = found.found.claims
+    assert claim.parameter == plain.parameter
+    # half an hour between two surveys is what the jump hides
+    assert abs(claim.since_s - plain.since_s) <= 1800.0
+    assert any(note.startswith("clock set") for note in found.notes) == (how != "merged from two files")
+
+
 def test_refused_surveys_count_where_the_service_trusts_them() -> None:
     assert {reason.value for reason in SurveyReason if trusted([reason.value])} == AT_REST
 

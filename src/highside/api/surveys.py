@@ -17,7 +17,7 @@ from highside.errors import InputError
 from highside.recording.calibration_store import read_record
 from highside.recording.files import write_folder
 from highside.recording.frames import File
-from highside.recording.kept_surveys import KeptSurvey, KeptSurveys, read_surveys
+from highside.recording.kept_surveys import KeptSurvey, KeptSurveys, elapsed_s, read_surveys
 from highside.report.surveys_page import SurveyPoint, page_of
 from highside.report.watch_page import error_words, headline
 from highside.shown.card import card
@@ -223,14 +223,14 @@ def _stills(used: Sequence[KeptSurvey], unit: _Unit) -> list[Still]:
     depths = [one.tvd_m for one in used]
     known = all(depth is not None for depth in depths)
     out = []
-    for one, depth in zip(used, depths, strict=True):
+    for one, since_s, depth in zip(used, elapsed_s(used), depths, strict=True):
         gravity = unit.gravity(one)
         noise = one.g_noise_mg
         if noise is None:
             noise = 1e3 * (one.g_std or 0.0) / math.sqrt(max(one.n or 1, 1))
         out.append(
             Still(
-                one.t - used[0].t,
+                since_s,
                 one.mean_g() / gravity,
                 1e-3 * noise,
                 one.temp_c,
@@ -249,6 +249,11 @@ def _notes(
         notes.append(f"{kept.damaged_lines} lines are no surveys: left out")
     if kept.repeated:
         notes.append(f"{kept.repeated} lines repeat a survey: left out")
+    if kept.clock_steps:
+        notes.append(
+            f"clock set, set back or not set: the time from a survey to the next is not known ({kept.clock_steps} x)"
+            " and taken as none"
+        )
     if record is None:
         notes.append(
             "no calibration record was given: a tool that keeps the accelerometer terms of the ISCWSA MWD model is"

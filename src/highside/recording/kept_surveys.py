@@ -6,7 +6,9 @@ are that mean. A line that a loss of power tore stays in the file and is counted
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated
 
@@ -17,12 +19,14 @@ from highside.arrays import Array
 from highside.errors import InputError
 from highside.reading import parse_message, read_bytes
 
-__all__ = ["AT_REST", "KeptSurvey", "KeptSurveys", "read_surveys"]
+__all__ = ["AT_REST", "KeptSurvey", "KeptSurveys", "elapsed_s", "read_surveys"]
 
 AT_REST = frozenset({"g_total_low", "g_total_high", "uncertain"})
 """reasons of a refusal that leave a mean at rest with a correction in force: such a survey tells of the calibration"""
 LONGEST_LINE = 64 * 1024
 """bytes; a survey has about one thousand"""
+CLOCK_SET_S = 946_684_800.0, 4_102_444_800.0
+"""2000 and 2100 (UTC epoch seconds): a clock that says another year is not set, as one without a battery at 1970"""
 
 Angle = Annotated[float, Field(ge=0, le=360)]
 
@@ -83,13 +87,43 @@ class KeptSurvey(BaseModel):
 
 @dataclass(frozen=True, slots=True)
 class KeptSurveys:
-    """The surveys of a file in the order of time. `damaged_lines`: lines that are no survey; `repeated`: lines of a
-    survey that is there already (the same time and number)."""
+    """The surveys of a file in the order in which they were made. `damaged_lines`: lines that are no survey;
+    `repeated`: lines of a survey that is there already (the same time and number)."""
 
     surveys: tuple[KeptSurvey, ...]
     source: str
     damaged_lines: int = 0
     repeated: int = 0
+
+    @property
+    def clock_steps(self) -> int:
+        """How often the clock went back, or was or had not been set, from one survey to the next: the time between
+        these two is not known."""
+        return sum(not _is_known(a, b) for a, b in pairwise(self.surveys))
+
+
+def elapsed_s(surveys: Sequence[KeptSurvey]) -> list[float]:
+    """Seconds of each since the first. None are counted between two of which the clock does not tell how many."""
+    out = [0.0]
+    for a, b in pairwise(surveys):
+        out.append(out[-1] + (b.t - a.t if _is_known(a, b) else 0.0))
+    return out
+
+
+def _is_known(one: KeptSurvey, following: KeptSurvey) -> bool:
+    """Whether the clock tells the time from one survey to the next."""
+    low, high = CLOCK_SET_S
+    # two in a row of a clock that is not set are as far apart as it says
+    return following.t >= one.t and (low <= one.t < high) == (low <= following.t < high)
+
+
+def _in_order(kept: Sequence[KeptSurvey]) -> list[KeptSurvey]:
+    """As they were made. The service appends: where the time goes back while the number goes up, the clock was set
+    back and the file is in order; else it was put together from others, and time alone tells."""
+    for a, b in pairwise(kept):
+        if b.t < a.t and (a.seq is None or b.seq is None or b.seq <= a.seq):
+            return sorted(kept, key=lambda one: one.t)
+    return list(kept)
 
 
 def read_surveys(path: Path) -> KeptSurveys:
@@ -114,4 +148,4 @@ def read_surveys(path: Path) -> KeptSurveys:
         raise InputError(
             f"holds no survey ({first})", where=str(path), remedy="give surveys.jsonl of a tool's state directory"
         )
-    return KeptSurveys(tuple(sorted(found.values(), key=lambda one: one.t)), str(path), damaged, repeated)
+    return KeptSurveys(tuple(_in_order(list(found.values()))), str(path), damaged, repeated)
