@@ -88,3 +88,18 @@ def test_hostile_words_stay_words_in_every_way_of_making_markup(one: str, other:
 def test_every_package_escapes_by_the_same_rule() -> None:
     for package in ("highside.shown", "highside.web"):
         assert templates(package).autoescape is True
+
+
+HEADED = re.compile(r'<table class="rows"><thead>(.*?)</thead>(.*?)</table>', re.DOTALL)
+CELL = re.compile(r'<(?:td|th scope="row")(?![^>]*colspan)[^>]*>(?!</td>)')
+
+
+def test_each_cell_below_a_head_names_what_it_is_for_who_reads_on_a_phone() -> None:
+    tables = {
+        path.name: cells
+        for path in sorted((SOURCES / "web").rglob("*.html"))
+        for _, body in HEADED.findall(path.read_text())
+        if (cells := CELL.findall(body))
+    }
+    assert len(tables) >= 10
+    assert {name: cell for name, cells in tables.items() for cell in cells if "data-is=" not in cell} == {}

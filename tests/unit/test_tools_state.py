@@ -210,6 +210,17 @@ def test_a_toolface_that_passes_the_high_side_is_no_line_across_the_panel(tools:
     assert [pair[1] for pair in line["data"]] == [350.0, 355.0, None, 2.0, 8.0]
 
 
+def test_the_panel_of_the_toolface_is_a_turn_and_a_band_below_zero_is_drawn(tools: Tools) -> None:
+    said(tools, "attitude", ATTITUDE | {"motor_toolface_deg": -2.0, "tf_std_deg": 3.0}, mono=0.0)
+    drawn = trend(list(tools.tools["a"].trend), 0.0)
+    of_inclination, of_toolface, _ = drawn["yAxis"]
+    assert (of_toolface["min"], of_toolface["max"]) == (0, 360) and "min" not in of_inclination
+    line = next(row for row in drawn["series"] if row["name"] == "toolface, deg")
+    assert line["data"][0][1] == 358.0
+    # by default a picture stacks by sign: of a band from -6 on nothing would be seen below 0
+    assert {row["stackStrategy"] for row in drawn["series"] if "stack" in row} == {"all"}
+
+
 def test_a_tool_that_names_the_toolface_of_the_bend_as_before_is_understood(tools: Tools) -> None:
     before = {"toolface_deg" if name == "motor_toolface_deg" else name: value for name, value in ATTITUDE.items()}
     said(tools, "attitude", before, mono=0.0)

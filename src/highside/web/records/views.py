@@ -370,7 +370,7 @@ def _reading_row(row: ReadingChange) -> dict[str, Any]:
     def said(change: float | None, std: float | None) -> tuple[str, bool]:
         if change is None:
             return _("one of them does not hold here"), False
-        band = "" if std is None else " " + _("(band of the difference ± %(band)s)") % {"band": f"{2 * std:.4f}°"}
+        band = "" if std is None else f" ± {2 * std:.4f}°"
         return f"{change:.4f}°{band}", std is not None and change > DEPARTS_SIGMAS * std
 
     inc, inc_departs = said(row.inc_change_deg, row.inc_std_deg)

@@ -77,7 +77,7 @@ ROWS: tuple[tuple[str, str, str | None, str], ...] = (
 
 
 TURNING = frozenset({"motor_toolface_deg"})
-"""Angles that go round"""
+"""Angles that go round: 0 to 360"""
 
 
 def trend(points: Sequence[Point], now: float) -> dict[str, Any]:
@@ -114,7 +114,8 @@ def trend(points: Sequence[Point], now: float) -> dict[str, Any]:
                 "nameTextStyle": {"color": INK},
                 "axisLabel": {"color": INK},
             }
-            for k, (_name, label, _std, _colour) in enumerate(ROWS)
+            | ({"min": 0, "max": 360, "interval": 90} if name in TURNING else {})
+            for k, (name, label, _std, _colour) in enumerate(ROWS)
         ],
         "series": series,
     }
@@ -127,6 +128,8 @@ def _lines(
     place = {"xAxisIndex": k, "yAxisIndex": k, "type": "line", "showSymbol": False}
     times = [round(point.mono - now, 1) for point in points]
     values: list[float | None] = [getattr(point.reading, name) for point in points]
+    if name in TURNING:
+        values = [None if value is None else value % 360.0 for value in values]
     made = [
         place
         | {
@@ -141,7 +144,9 @@ def _lines(
     halves = [None if (s := getattr(point.reading, std)) is None else BAND_SIGMAS * s for point in points]
     low = [None if v is None or h is None else v - h for v, h in zip(values, halves, strict=True)]
     wide = [None if v is None or h is None else 2.0 * h for v, h in zip(values, halves, strict=True)]
-    quiet = {"lineStyle": {"opacity": 0}, "stack": f"band {k}", "tooltip": {"show": False}, "silent": True}
+    # a lower end below zero is stacked on too
+    stacked = {"stack": f"band {k}", "stackStrategy": "all"}
+    quiet = {"lineStyle": {"opacity": 0}, "tooltip": {"show": False}, "silent": True} | stacked
     return [
         place | quiet | {"name": _("%(name)s, lower end") % {"name": label}, "data": _pairs(times, low)},
         place | quiet | {"name": _("%(name)s, width") % {"name": label}, "data": _pairs(times, wide)}
