@@ -16,6 +16,7 @@ from typing import Any
 from highside.words.said import Said
 from highside.words.sentences import SENTENCES
 from highside.words.sentences_of_diagnosis import DIAGNOSIS
+from highside.words.sentences_of_importing import IMPORTING
 from highside.words.sentences_of_rotation import ROTATION
 from highside.words.sentences_of_watch import WATCH
 
@@ -90,8 +91,10 @@ def told(text: str, of: str = "") -> str:
     return text if len(text) > TOLD_MAX else _told(text, language(), NESTED_MAX, of)
 
 
-LISTS = {"": (), "diagnosis": DIAGNOSIS, "rotation": ROTATION, "watch": WATCH}
+LISTS = {"": (), "diagnosis": DIAGNOSIS, "importing": IMPORTING, "rotation": ROTATION, "watch": WATCH}
 """Sentences that are known beside `SENTENCES`, by what is told."""
+NAMES = frozenset({"column", "columns"})
+"""Fields that are names out of somebody's file: a column called `time` is not told as that word."""
 _JOINTS = ("; ", ": ", " and ", ", ")
 """Between the sentences, and in the listings, of those that `LISTS` names."""
 
@@ -111,7 +114,10 @@ def _told(text: str, language: str, depth: int, of: str = "") -> str:
             return same.replace("%%", "%")
     for pattern, message in _patterns(of):
         if (found := pattern.fullmatch(text)) is not None:
-            fields = {name: _told(value, language, depth - 1, of) for name, value in found.groupdict().items()}
+            fields = {
+                name: value if name in NAMES else _told(value, language, depth - 1, of)
+                for name, value in found.groupdict().items()
+            }
             return known.gettext(message) % fields
     # several sentences, one after the other, or one with what was found out in brackets
     parts = re.split(r"(?<=[.?!]) +(?=[A-Z])", text, maxsplit=8)

@@ -23,7 +23,7 @@ from typing import Any, Literal
 from highside.errors import HighsideError, Refused
 from highside.printable import one_line
 from highside.reading import parse_json, read_bytes
-from highside.words import _, said
+from highside.words import _, said, told
 from highside.words.errors import error_told
 
 JOBS_MAX = 8
@@ -188,7 +188,8 @@ class Jobs:
         async with self._turn:
             status, out, err = await self._child(job, arguments, LOOK_S)
         if status != 0:
-            raise Refused(_last(err) or said("the file could not be looked at (status %(status)s)", status=status))
+            why = said("the file could not be looked at (status %(status)s)", status=status)
+            raise Refused(_in_words(_last(err)) or why)
         looked = parse_json(out, kind="answer", remedy="try again")
         job.looked = looked if isinstance(looked, dict) else {}
         job.stage = "looked"
@@ -202,7 +203,8 @@ class Jobs:
                 taken = ["import", str(job.recording), "--yes", f"--output={rows}", *job.words.arguments()]
                 status, _, err = await self._child(job, taken, LOOK_S)
                 if status != 0:
-                    raise Refused(_last(err) or said("the file could not be taken (status %(status)s)", status=status))
+                    why = said("the file could not be taken (status %(status)s)", status=status)
+                    raise Refused(_in_words(_last(err)) or why)
             model, out = job.folder / "model.toml", job.answer.parent
             asked = ["diagnose", str(rows), f"--model={model}", f"--out={out}", f"--language={job.language}"]
             status, heard, err = await self._child(job, asked, self._within_s)
@@ -278,6 +280,11 @@ def _text(path: Path) -> str:
     with contextlib.suppress(HighsideError):
         return read_bytes(path, max_bytes=SAID_MAX).decode(errors="replace")
     return ""
+
+
+def _in_words(text: str) -> str:
+    """What an import was refused for, and what to do, in the language of who sent the file."""
+    return "; ".join(told(part, "importing") for part in text.split("; "))
 
 
 def _last(text: str) -> str:

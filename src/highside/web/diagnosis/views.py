@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from markupsafe import Markup
+
 from highside.web.diagnosis.jobs import LIVE, SUFFIXES, Job
 from highside.web.navigation import Link
 from highside.web.plain import render
 from highside.web.words import _, said_later
+from highside.words.marked import in_words
 
 WORDS = {
     "looking": said_later("Looking at the file."),
@@ -19,6 +22,11 @@ WORDS = {
 }
 OPEN = said_later("The file leaves something open.")
 COLUMNS_SHOWN = 60
+
+
+def found_in_words(text: str) -> Markup:
+    """What an import says of a file, in the reader's language: remarks one after the other."""
+    return Markup("; ").join(in_words(part, of="importing") for part in text.split("; "))
 
 
 class DiagnosisViews:
@@ -60,6 +68,7 @@ class DiagnosisViews:
             live=job.stage in LIVE,
             words=self.words(job, before),
             columns=job.looked.get("columns", [])[:COLUMNS_SHOWN],
+            found=found_in_words,
             beside=[name for key in ("kept", "omitted") for name in job.looked.get(key, [])][:COLUMNS_SHOWN],
             findings=job.looked.get("findings", []),
             doubts=doubts,
