@@ -115,6 +115,13 @@ open-world: $(VENV)/.test
 pictures: $(VENV)/.test
 	HIGHSIDE_RENEW_PICTURES=1 $(BIN)/python -m pytest -q tests/integration/test_page_pictures.py -k three_widths
 
+## docs-pictures: renew the pictures of all pages in the docs (look at each before it is committed)
+.PHONY: docs-pictures
+docs-pictures: $(VENV)/.test
+	$(BIN)/python docs/bench_screens.py
+	$(BIN)/python docs/tools_page_pictures.py
+	$(BIN)/python docs/pages_pictures.py
+
 ## axe: every state of every page by axe's rules, light and dark, narrow and wide (minutes)
 ## firefox: the main pages in Firefox, one half after the other (`--shots DIR` of the program keeps pictures)
 .PHONY: axe firefox

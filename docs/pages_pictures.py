@@ -1,5 +1,5 @@
-"""Makes the pictures of the served pages: a bench to begin at, a calibration about to be put in force, and the bench
-page in German.
+"""Makes the pictures of the served pages: a bench to begin at, a calibration about to be put in force, two compared,
+what a file is taken for, and the bench page in German.
 
     python docs/pages_pictures.py            (needs the extras web and test, mosquitto and the browser chromium)
 """
@@ -10,6 +10,7 @@ import asyncio
 import io
 import sys
 import tempfile
+from math import cos, sin
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -26,6 +27,11 @@ from test_records_page import record  # noqa: E402
 DOCS = Path(__file__).resolve().parent
 COLOURS = 96
 SIZE = {"width": 1400, "height": 860}
+FILE = b"time_ms,acc_x,acc_y,acc_z,temperature\n" + b"".join(
+    b"%d,%.4f,%.4f,%.4f,%.2f\n" % (10 * k, 9.81 * sin(k / 99), 0.02, 9.81 * cos(k / 99), 24 + k / 500)
+    for k in range(500)
+)
+"""A foreign recording: what its units are has to be found out."""
 
 
 async def keep(page: Page, name: str) -> None:
@@ -46,6 +52,13 @@ async def pictures() -> None:
                 await keep(page, "page-begin")
                 await page.goto(f"{served.address}calibrations/{record(1).id}/force")
                 await keep(page, "page-force")
+                await page.goto(f"{served.address}calibrations/compare?before={record(1).id}&after={record(2).id}")
+                await keep(page, "page-compare")
+                await page.goto(f"{served.address}diagnosis")
+                await page.set_input_files("#recording", {"name": "bench.csv", "mimeType": "text/csv", "buffer": FILE})
+                await page.click("main button[type=submit]:not(.quiet)")
+                await page.wait_for_selector("table.rows", timeout=120_000)
+                await keep(page, "page-import")
         async with slides() as (link, say):
             page = await (await browser.new_context(locale="de-DE", viewport=SIZE)).new_page()
             await page.goto(link)

@@ -68,11 +68,11 @@ def attitude(seq: int, **more: Any) -> bytes:
     return json.dumps(made | more).encode()
 
 
-def watch_message() -> bytes:
+def watch_message(watched_s: float = 86_400.0) -> bytes:
     made = {"value": 8e-4, "std": 5e-5, "unit": "g", "stated_std": 1e-4, "observable": True}
     said = {
         "t": time.time(), "verdict": "departs", "claims": [{"effect": "bias_step", "parameter": "b_x"}],
-        "parameters": {"b_x": made}, "advice": ["take a roll test"], "watched_s": 86_400.0,
+        "parameters": {"b_x": made}, "advice": ["take a roll test"], "watched_s": watched_s,
         "began": "began from the record",
     }  # fmt: skip
     return json.dumps(said).encode()
@@ -155,8 +155,9 @@ async def test_tools_are_shown_and_what_is_old_is_grey(tmp_path: Path, mosquitto
             await expect(page.locator("h1")).to_have_text("1 of 1 tool needs attention.")
             await expect(page.locator(".card")).to_contain_text("power and wiring of the tool")
             await client.publish("highside/rig-7/health", b'{"alarms": [], "version": "9"}', retain=True)
-            # by the keyboard alone
+            # by the keyboard alone, at a pace at which the list is replaced under the reader
             await page.keyboard.press("Tab")
+            await page.wait_for_timeout(2_500)
             await page.keyboard.press("Enter")
             await expect(page.locator("h1")).to_contain_text("rig-7")
             await expect(page.locator("section.figures")).to_contain_text("92.50°")
@@ -175,6 +176,9 @@ async def test_tools_are_shown_and_what_is_old_is_grey(tmp_path: Path, mosquitto
             await expect(page.locator("section.watch [aria-label*='bands of 95 percent']")).to_be_visible()
             await page.locator("section.watch summary").click()
             await expect(page.locator("section.watch tbody")).to_contain_text("+0.80 ±\u00a00.10")
+            await client.publish("highside/rig-7/watch", watch_message(90_000.0), retain=True)
+            await expect(page.locator("section.watch")).to_contain_text("watched for 25 h")
+            await expect(page.locator("section.watch tbody")).to_be_visible()
             # the 3-D picture is there: its canvas has been drawn on
             await page.locator("section.space canvas").wait_for()
             await page.locator("section.trend canvas").first.wait_for()

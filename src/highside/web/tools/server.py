@@ -45,6 +45,9 @@ from highside.web.tools.state import Tools, ToolState
 from highside.web.words import _
 
 _STYLE = (Path(__file__).parent / "tools.css").read_text(encoding="utf-8")
+_SCRIPT = (Path(__file__).parent / "tools.js").read_text(encoding="utf-8")
+_KEPT = '<script src="/tools.js"></script>'
+"""What keeps a reader's place where what is shown is replaced."""
 _TOOL = "/tool/"
 
 
@@ -84,6 +87,7 @@ class ToolsPage:
         """Listen to the broker and serve. Raises InputError where the address cannot be had, or [web.tls] not be
         used; a broker that is away is no error, the page says so."""
         self._host.app.get("/api/tools")(self._api)
+        self._host.app.get("/tools.js")(_script)
         self._add_plain_pages()
         ui.page("/", title="highside", language="en-US", dark=None)(self._list)
         ui.page("/tool/{tool}", title="highside", language="en-US", dark=None)(self._tool)
@@ -142,6 +146,7 @@ class ToolsPage:
     async def _list(self, request: Request) -> None:
         client, _commands = self._host.admit(request)
         ui.add_css(_STYLE)
+        ui.add_head_html(_KEPT)
         view = ListView(self._shown)
         background_tasks.create(follow(view, client, self._settings.web.rate_hz), name=f"viewer {client.id}")
 
@@ -149,6 +154,7 @@ class ToolsPage:
         client, _commands = self._host.admit(request)
         ui.add_css(_STYLE)
         ui.add_head_html(REDRAWN)
+        ui.add_head_html(_KEPT)
         ui.page_title(tool)
         view = ToolView(self._shown, self._tools.tools[tool])
         background_tasks.create(follow(view, client, self._settings.web.rate_hz), name=f"viewer {client.id}")
@@ -161,6 +167,10 @@ class ToolsPage:
                 "tools": [_summary(tool, now) for tool in self._tools.in_order(now)],
             }
         )
+
+
+async def _script() -> Response:
+    return Response(_SCRIPT, media_type="text/javascript", headers={"Cache-Control": "no-cache"})
 
 
 def _is_page(path: str) -> bool:
