@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import gzip
 import hashlib
 import inspect
+import itertools
 import subprocess
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,8 +15,12 @@ import pytest
 import typer
 from daemon import HIGHSIDE
 
+from highside.api.certificate import certify
 from highside.cli import overwriting
-from highside.cli.commands import app_of
+from highside.cli.commands import app_of, run
+from highside.cli.kinds import CERTIFICATE, DIGITAL, MODEL, MODEL_MARK, refuse_another_kind
+from highside.errors import InputError
+from highside.report.document import Sheets
 
 CASES = {
     "apply": "calibrate apply cal.json rec.csv -o rec.csv",
@@ -44,6 +50,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory, project_root: Path) -> Path
     ):
         subprocess.run([HIGHSIDE, *words.split()], cwd=made, check=True, capture_output=True, timeout=120)
     (made / "link.csv").symlink_to("rec.csv")
+    rows = "".join(f"{second},0,0,1,0.001,-0.001,0.004\n" for second in range(60))
+    (made / "still.csv").write_text(f"t_s,ax_g,ay_g,az_g,gx_dps,gy_dps,gz_dps\n{rows}")
     (made / "sub").mkdir()
     return made
 
@@ -74,6 +82,111 @@ def test_every_command_that_names_an_output_is_guarded() -> None:
         command.__name__ for command in commands(app_of()) if dict(overwriting._outputs(inspect.unwrap(command)))
     }
     assert guarded == written and len(guarded) > 20
+
+
+FOREIGN = {
+    "mine.csv": "depth,pressure\n1,2\n",
+    "mine.csv.gz": "depth,pressure\n1,2\n",
+    "mine.toml": '[tool]\nid = "a"\n',
+    "mine.json": '{"schema": "mine/1"}\n',
+    "mine.html": "<!DOCTYPE html><title>notes</title>\n",
+    "mine.pdf": "%PDF-1.7\nstream\n\nendstream\n",
+    "mine.parquet": "PAR1 depth PAR1",
+    "notes": "what I did on Monday\n",
+}
+
+
+@pytest.mark.parametrize("name", FOREIGN)
+def test_no_command_replaces_a_file_of_another_kind(tmp_path: Path, name: str) -> None:
+    """Of all commands and their options that name an output; each names the option and the file."""
+    looked_at = 0
+    for command in commands(app_of()):
+        inner = inspect.unwrap(command)
+        outputs = dict(overwriting._outputs(inner))
+        assert outputs.keys() == overwriting.ANSWERS.get(overwriting.name_of(inner), {}).keys()
+        for parameter, option in outputs.items():
+            for file, _ in overwriting.ANSWERS[overwriting.name_of(inner)][parameter](tmp_path / name, {"key": name}):
+                file.parent.mkdir(exist_ok=True)
+                file.write_bytes((gzip.compress if file.suffix == ".gz" else bytes)(FOREIGN[name].encode()))
+                before = file.read_bytes()
+                with pytest.raises(InputError, match="so is not replaced") as refused:
+                    command(**{parameter: tmp_path / name, "key": name})
+                assert refused.value.field == option and refused.value.where == str(file)
+                assert file.read_bytes() == before
+                file.unlink()
+                looked_at += 1
+            if (tmp_path / name).is_dir():
+                (tmp_path / name).rmdir()
+    assert looked_at > 30
+
+
+ANSWERS = {
+    "simulate model.toml -o new.csv.gz --poses new-poses.csv": "simulate.simulate",
+    "drift still.csv --method none -o azimuths.csv --latitude-deg 60 --azimuth-deg 0": "drift.drift",
+    "calibrate poses rec.csv -o found.csv": "calibrate.poses",
+    "calibrate solve poses.csv --method joint -o cal.json": "calibrate.solve",
+    "calibrate apply cal.json poses.csv -o corrected.csv": "calibrate.apply",
+    "calibrate apply cal.json rec.csv -o corrected.csv.gz": "calibrate.apply",
+    "calibrate verify cal.json poses.csv --limit-inc-deg 1 --limit-tf-deg 1 -o judged.json": "verification.verify",
+    "calibrate iscwsa cal.json -o tool.json": "iscwsa.iscwsa",
+    "predict model.toml rec.csv -o predicted.csv": "predict.predict",
+    "export rec.csv --to parquet -o rec.parquet": "export.export",
+    "export rec.csv --to mcap -o rec.mcap": "export.export",
+    "export rec.csv --to csv -o again.csv.gz": "export.export",
+    "import rec.csv --yes -o imported.parquet": "importing.import_file",
+}
+
+
+@pytest.mark.parametrize("words", ANSWERS)
+def test_an_answer_may_take_the_place_of_one_of_its_kind(
+    folder: Path, words: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(folder)
+    assert run(words.split()) in (0, 1)
+    given = dict(itertools.pairwise(words.split()))
+    (inner,) = {one for one in map(inspect.unwrap, commands(app_of())) if overwriting.name_of(one) == ANSWERS[words]}
+    written = 0
+    for parameter, option in overwriting._outputs(inner):
+        if output := given.get("-o" if option == "--output" else option):
+            for file, kind in overwriting.ANSWERS[ANSWERS[words]][parameter](Path(output), {}):
+                written += file.exists()
+                refuse_another_kind(file, kind, option)
+    assert written
+
+
+def test_certificates_are_told_from_other_documents(folder: Path, tmp_path: Path) -> None:
+    sheets = Sheets("a certificate", ("left", "right"), "foot")
+    sheets.paragraph("words")
+    for name, data in (("c.pdf", sheets.pdf()[0]), ("c.html", sheets.html().encode())):
+        (tmp_path / name).write_bytes(data)
+        refuse_another_kind(tmp_path / name, CERTIFICATE, "--output")
+        (tmp_path / name).write_bytes(data.replace(b"highside", b"somebody").replace(b"stream", b"trough"))
+        with pytest.raises(InputError):
+            refuse_another_kind(tmp_path / name, CERTIFICATE, "--output")
+    fields = tmp_path / "fields.toml"
+    fields.write_text('[issue]\ncountry = "NO"\n')
+    (tmp_path / "c.xml").write_bytes(certify(folder / "cal.json", fields).dcc())
+    refuse_another_kind(tmp_path / "c.xml", DIGITAL, "--dcc")
+
+
+def test_a_signature_takes_the_place_of_a_signature_alone(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(folder)
+    Path("signed.csv.sig").write_text("mine")
+    assert run(["keys", "new", "lab.key", "--name", "Lab"]) == 0
+    Path("signed.csv").write_text("t_s\n")
+    assert run(["keys", "sign", "signed.csv", "--key", "lab.key"]) == 2
+    Path("signed.csv.sig").unlink()
+    for _ in range(2):
+        assert run(["keys", "sign", "signed.csv", "--key", "lab.key"]) == 0
+
+
+def test_a_model_with_what_was_found_is_told_from_a_person_s(tmp_path: Path) -> None:
+    model = tmp_path / "model.toml"
+    model.write_text(f"{MODEL_MARK}\n[tool]\n")
+    refuse_another_kind(model, MODEL, "--write-model")
+    model.write_text("[tool]\n")
+    with pytest.raises(InputError):
+        refuse_another_kind(model, MODEL, "--write-model")
 
 
 PRECIOUS = {

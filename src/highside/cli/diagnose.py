@@ -164,6 +164,7 @@ def _on(cluster: str | None) -> Iterator[None]:
 
 def _write_and_tell(made: Diagnosis, out: Path, write_model: Path | None, *, report: bool) -> None:
     """Write what was found, and say it; exit status 1 where the data are bad."""
+    from highside.cli.kinds import MODEL_MARK
     from highside.recording.files import write_whole
 
     learnt = made.model_toml() if write_model is not None else None
@@ -175,7 +176,7 @@ def _write_and_tell(made: Diagnosis, out: Path, write_model: Path | None, *, rep
         _say_what_the_page_lacks(out)
     if write_model is not None:
         if learnt is not None:
-            write_whole(write_model, learnt.encode())
+            write_whole(write_model, f"{MODEL_MARK}\n{learnt}".encode())
         else:
             echo(f"{write_model}: not written, since nothing was given a name", err=True)
     if made.found.verdict == "bad_data":

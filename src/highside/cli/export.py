@@ -29,6 +29,7 @@ def export(
     from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 
     from highside.cli.decode import decode_recording
+    from highside.cli.kinds import TABLE, refuse_another_kind
     from highside.errors import InputError
     from highside.recording.export import export as write
     from highside.recording.table import read_recording
@@ -36,6 +37,7 @@ def export(
     target = output or file.with_name(f"{_stem(file)}.{to.value}")
     if target.exists() and target.resolve() == file.resolve():
         raise InputError("is the recording itself", where=str(target), field="--output", remedy="name another file")
+    refuse_another_kind(target, TABLE, "--output")
     console = Console(stderr=True)
     columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
     shown = sys.stderr.isatty()

@@ -102,6 +102,7 @@ def signing_key_if_any(path: Path | None) -> SigningKey | None:
 
 
 def _sign(file: Path, key: SigningKey) -> None:
+    from highside.cli.kinds import SIGNATURE, refuse_another_kind
     from highside.recording.calibration_store import read_record
     from highside.recording.files import write_whole
     from highside.recording.keys import sign_file
@@ -111,6 +112,7 @@ def _sign(file: Path, key: SigningKey) -> None:
         write_whole(file, record.to_json().encode())
         echo(f"{file}: record {record.id[:12]} signed by {key.name} ({key.fingerprint})")
     else:
+        refuse_another_kind(file.with_name(file.name + ".sig"), SIGNATURE, "FILE.sig")
         beside = sign_file(file, key, now_s=time.time())
         echo(f"{beside}: {file.name} signed by {key.name} ({key.fingerprint})")
 

@@ -45,7 +45,8 @@ def _write(folder: Path, name: str, page: str, result: dict[str, Any]) -> None:
     from highside.recording.files import write_whole
 
     write_whole(folder / f"{name}.html", page.encode())
-    write_whole(folder / f"{name}.json", (json.dumps(result, indent=1) + "\n").encode())
+    named = {"schema": f"highside.reproduce-{name}/1"} | result
+    write_whole(folder / f"{name}.json", (json.dumps(named, indent=1) + "\n").encode())
 
 
 @app.command()
