@@ -16,7 +16,7 @@ from highside.calibration.correction import IdentityCorrection
 from highside.config.rig import WitsItem
 from highside.config.settings import Settings, validate
 from highside.config.watch import WatchSettings
-from highside.errors import Refused
+from highside.errors import InputError, Refused
 from highside.service.damage import DamageLog
 from highside.service.in_force import CalibrationInForce
 from highside.service.messages import PAYLOADS
@@ -28,6 +28,7 @@ from highside.service.watch_keeper import WatchKeeper, WatchParts
 from highside.service.watch_messages import WatchHistory, WatchMessage
 from highside.service.watch_stage import VERDICTS, Watched, WatchStage
 from highside.watch.parameters import CALIBRATION, NAMES
+from highside.watch.proposal import read_outcome
 from highside.web.tools.state import PAYLOAD_MAX, History, Tools
 from highside.web.tools.views import Broker, tool_page
 from highside.web.tools.watch_chart import PANELS, watch_chart
@@ -434,3 +435,22 @@ def test_the_page_says_what_departs_what_to_do_and_what_would_show_the_rest() ->
     assert "noise that has grown or a departure" in page
     said |= {"claims": "x", "advice": 3, "not_observable": [1], "noise_changes": {"axis": "y"}, "undecided": "x"}
     assert "departs" not in shown()
+
+
+def test_a_kept_state_goes_on_only_as_it_was_written(tmp_path: Path) -> None:
+    """One letter of its numbers changed makes other numbers, mostly such as could be."""
+    path, stamp = tmp_path / "watch.json", Stamp.now(synced=True)
+    write(path, "t1", stamp, {"verdict": "holds"}, kept_state())
+    whole = path.read_bytes()
+    assert read(path, "t1", stamp) is not None
+    at = whole.index(b'"data": "') + 20
+    for place, other in ((at, b"B" if whole[at : at + 1] != b"B" else b"C"), (whole.index(b"holds"), b"H")):
+        path.write_bytes(whole[:place] + other + whole[place + 1 :])
+        with pytest.raises(Refused, match="not what was written"):
+            read(path, "t1", stamp)
+        with pytest.raises(InputError, match="damaged"):
+            read_outcome(path.read_bytes(), "watch.json")
+    file = json.loads(whole)
+    del file["sha256"]
+    path.write_text(json.dumps(file))
+    assert read(path, "t1", stamp) is not None, "an earlier version's"

@@ -405,3 +405,46 @@ def test_the_picture_shows_deviations_over_time(named: highside.WatchedRecording
     line = plot.panels[0].lines[0]
     assert line.name == "b_x"
     assert line.y[-1] == pytest.approx(2.0, abs=0.2)
+
+
+ABSURD = {
+    "a state of 1e6 g": {"state": 1e6},
+    "a state of the filter alone": {"alone_state": -20.0},
+    "a variance": {"covariance": 1e6},
+    "a variance below zero": {"alone_covariance": -1e-12},
+    "no variance": {"covariance": 0.0},
+    "a walk": {"walked": 1e6},
+    "the trace": {"trace": 1e4},
+    "an onset to come": {"bank_since": 1e9},
+    "a jump of the noise": {"jump": 1e7},
+    "squares": {"squares": 1e13},
+}
+FACTS: dict[str, dict[str, float]] = {
+    "time": {"last_s": 1e300},
+    "a time that is none": {"last_s": float("nan")},
+    "a depth": {"depth_km": 1e14},
+    "a temperature": {"ref_c": float("nan")},
+    "a difference of temperatures": {"warmer_c": -1e300},
+    "a count": {"stills": 10**300},
+}
+
+
+def test_a_memory_with_a_number_beyond_reason_is_refused(calibration: highside.Calibration) -> None:
+    """Each was taken up: the watch then said that all holds, or ended with every stretch, without a word."""
+    watch = a_watch(calibration)
+    said_after(watch, stretches(rows_of_a_well(4, stands=2, inclinations_deg=(20.0, 30.0)), calibration))
+    memory, prior = watch.memory(), prior_of_record(calibration.record)
+    Watch(prior, "x").recall(memory)
+    wrong = {what: replace(memory, **values) for what, values in FACTS.items()}  # type: ignore[arg-type]
+    for what, values in ABSURD.items():
+        for first_only in (True, False):
+            for name, value in values.items():
+                bad = memory.arrays[name].copy()
+                bad.flat[slice(0, 1 if first_only else None)] = value
+                wrong[f"{what}, {first_only}"] = replace(memory, arrays={**memory.arrays, name: bad})
+    for name in ("state", "alone_state", "covariance", "trace", "bank_since", "squares", "f"):
+        longer = np.concatenate([memory.arrays[name].ravel(), [0.0]])
+        wrong[f"{name}, longer"] = replace(memory, arrays={**memory.arrays, name: longer})
+    for what, bad_memory in wrong.items():
+        with pytest.raises(ValueError, match=r"\w"):
+            pytest.fail(f"{what} was taken up: {Watch(prior, 'x').recall(bad_memory)}")

@@ -6,10 +6,7 @@ cannot be told apart by what they are: one that somebody imported is of the same
 
 from __future__ import annotations
 
-import contextlib
-import csv
 import re
-import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,15 +14,9 @@ from typing import Any
 
 from highside.errors import InputError
 
-HEAD_BYTES = 64 << 10
-"""of a text that are looked at: a header of a table has its end there"""
-LONGEST_BYTES = 64 << 20
-"""of a document that is looked at as a whole; what is longer is none of ours"""
 MODEL_MARK = "# Written by highside diagnose."
 """first line of a model file that a command wrote; a person's has none"""
 _PAGE_MARK = b'<meta name="generator" content="highside">'
-_STREAM = re.compile(rb"stream\r?\n")
-_LONGEST_STREAM = 1 << 20
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,13 +44,20 @@ def refuse_another_kind(path: Path, kind: Kind, option: str) -> None:
     )
 
 
+def _head(path: Path) -> bytes:
+    """As `peek.head`. Numerics are loaded with the readers: a command without a file to look at needs them not yet."""
+    from highside.reading import peek
+
+    return peek.head(path)
+
+
 def _document(path: Path) -> dict[str, Any]:
     """The JSON object of a file; empty for any other."""
-    from highside.reading import parse_json
+    from highside.reading import parse_json, peek
     from highside.reading.files import read_bytes
 
     try:
-        found = parse_json(read_bytes(path)) if path.stat().st_size <= LONGEST_BYTES else None
+        found = parse_json(read_bytes(path)) if path.stat().st_size <= peek.LONGEST_BYTES else None
     except InputError:
         return {}
     return found if isinstance(found, dict) else {}
@@ -69,39 +67,14 @@ def _of_schema(*names: str) -> Callable[[Path], bool]:
     return lambda path: str(_document(path).get("schema", "")).split("/")[0] in names
 
 
-def _head(path: Path) -> bytes:
-    """The first bytes, unzipped."""
-    with path.open("rb") as file:
-        start = file.read(HEAD_BYTES)
-    if start.startswith(b"\x1f\x8b"):
-        try:
-            return zlib.decompressobj(31).decompress(start, HEAD_BYTES)
-        except zlib.error:
-            return b""
-    return start
-
-
-def _columns(path: Path) -> Callable[[str], bool]:
-    """Whether a table has a column of this name (a regular expression); of what is no table: none."""
-    head = _head(path)
-    if head.startswith(b"PAR1"):
-        with path.open("rb") as file:
-            file.seek(-8, 2)
-            length = min(int.from_bytes(file.read(4), "little") + 8, path.stat().st_size)
-            file.seek(-length, 2)
-            footer = file.read(min(length, LONGEST_BYTES))
-        return lambda name: re.search(rb"(?<!\w)" + name.encode() + rb"(?!\w)", footer) is not None
-    line, end, _ = head.decode("utf-8-sig", "replace").partition("\n")
-    cells: list[str] = []
-    with contextlib.suppress(csv.Error):
-        cells = [cell.strip() for cell in next(csv.reader([line]), [])] if end else []
-    return lambda name: any(re.fullmatch(name, cell) for cell in cells)
-
-
 def _has(*names: str) -> Callable[[Path], bool]:
+    """Whether a table has a column for each name (a regular expression)."""
+
     def is_one(path: Path) -> bool:
-        has = _columns(path)
-        return all(map(has, names))
+        from highside.reading import peek
+
+        columns = peek.column_names(path)
+        return all(any(re.fullmatch(name, column) for column in columns) for name in names)
 
     return is_one
 
@@ -111,12 +84,11 @@ def _is_table(path: Path) -> bool:
     start = _head(path)[:64]
     if start.startswith(b"\x89MCAP"):
         return b"highside" in start
-    return _columns(path)("t_s") or _is_poses(path) or _has("inc_ref_deg", "tf_ref_deg")(path)
+    return any(is_one(path) for is_one in (_has("t_s"), _is_poses, _has("inc_ref_deg", "tf_ref_deg")))
 
 
 def _is_poses(path: Path) -> bool:
-    has = _columns(path)
-    return all(map(has, ("ax", "ay", "az"))) and not has("t_s")
+    return _has("ax", "ay", "az")(path) and not _has("t_s")(path)
 
 
 def _is_page(path: Path) -> bool:
@@ -125,16 +97,11 @@ def _is_page(path: Path) -> bool:
 
 def _is_certificate(path: Path) -> bool:
     """HTML, or a PDF that was made from it: its creator is in one of its packed streams."""
-    if not _head(path).startswith(b"%PDF-"):
-        return _is_page(path)
-    if path.stat().st_size > LONGEST_BYTES:
-        return False
-    data = path.read_bytes()
-    for found in _STREAM.finditer(data):
-        with contextlib.suppress(zlib.error):
-            if b"(highside)" in zlib.decompressobj().decompress(data[found.end() :], _LONGEST_STREAM):
-                return True
-    return False
+    from highside.reading import peek
+
+    if _head(path).startswith(b"%PDF-"):
+        return any(b"(highside)" in part for part in peek.pdf_streams(path))
+    return _is_page(path)
 
 
 RECORD = Kind("a calibration record", _of_schema("highside.calibration"))
@@ -151,7 +118,7 @@ PAGE = Kind("a page of ours", _is_page)
 CERTIFICATE = Kind("a certificate", _is_certificate)
 DIGITAL = Kind(
     "a digital certificate of ours",
-    lambda path: b"digitalCalibrationCertificate" in (head := _head(path)) and b"highside" in head,
+    lambda path: b"digitalCalibrationCertificate" in (start := _head(path)) and b"highside" in start,
 )
 MODEL = Kind("a model file of a diagnosis", lambda path: _head(path).startswith(MODEL_MARK.encode()))
 STATIONS = Kind(

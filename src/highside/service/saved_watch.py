@@ -7,6 +7,7 @@ It belongs to one tool and one calibration record. Beside the state stands what 
 from __future__ import annotations
 
 import binascii
+import json
 from base64 import b64decode, b64encode
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -22,6 +23,7 @@ from highside.recording.files import write_whole
 from highside.service.saved_drift import Stamp
 from highside.service.strict import Strict
 from highside.watch.memory import LAYOUT, TRACE_WIDTH, WatchMemory
+from highside.watch.proposal import state_sha256
 
 Count = Annotated[int, Field(ge=0)]
 SPAN_S = 86_400.0
@@ -159,11 +161,14 @@ class WatchFile(Strict):
     said: dict[str, Any]
     """as `watch.json` has it"""
     state: SavedWatch
+    sha256: str | None = None
+    """`state_sha256`; a file of an earlier version has none"""
 
 
 def write(path: Path, tool: str, stamp: Stamp, said: dict[str, Any], state: SavedWatch) -> None:
     """Replace the file. Raises InputError where it cannot be written."""
-    write_whole(path, WatchFile(tool=tool, stamp=stamp, said=said, state=state).model_dump_json().encode())
+    file = parse_json(WatchFile(tool=tool, stamp=stamp, said=said, state=state).model_dump_json().encode())
+    write_whole(path, json.dumps(file | {"sha256": state_sha256(file)}).encode())
 
 
 def read(path: Path, tool: str, now: Stamp) -> SavedWatch | None:
@@ -171,13 +176,16 @@ def read(path: Path, tool: str, now: Stamp) -> SavedWatch | None:
     if not path.exists():
         return None
     try:
-        file = WatchFile.model_validate(parse_json(read_document(path)))
+        value = parse_json(read_document(path))
+        file = WatchFile.model_validate(value)
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         field = ".".join(map(str, first["loc"]))
         raise Refused(f"{path}: is no saved watch: {field}: {first['msg']}") from None
     except InputError as error:
         raise Refused(f"{path}: is no saved watch: {error.what}") from None
+    if file.sha256 not in (None, state_sha256(value)):
+        raise Refused(f"{path}: is no saved watch: its content is not what was written")
     if file.tool != tool:
         raise Refused(f"{path}: is of the tool {file.tool!r}")
     return file.state.model_copy(update={"age_s": file.stamp.age_s(now)})

@@ -193,7 +193,7 @@ class Watch:
     def recall(self, memory: WatchMemory) -> None:
         """Go on from a memory under the same record. Raises ValueError or KeyError for one that is none."""
         arrays = memory.arrays
-        checked(arrays)
+        checked(memory)
         if memory.start_s is not None and memory.start_s > memory.last_s:
             raise ValueError("it ends before it begins")
         self._bank.recall(

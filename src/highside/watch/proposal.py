@@ -7,6 +7,9 @@ one parameter: the filter has also learnt a little of all others, and their cova
 
 from __future__ import annotations
 
+import hashlib
+import json
+from collections.abc import Mapping
 from typing import Any, Literal
 
 import numpy as np
@@ -20,7 +23,7 @@ from highside.reading import parse_json
 from highside.version import __version__
 from highside.watch.parameters import CALIBRATION, MATRIX, NAMES, OFFSETS, global_zone
 
-__all__ = ["WatchOutcome", "propose", "read_outcome"]
+__all__ = ["WatchOutcome", "propose", "read_outcome", "state_sha256"]
 
 STATE = "highside.watch-state/1"
 """the form of a service's state (`service.saved_watch`)"""
@@ -66,10 +69,18 @@ class WatchOutcome(_Part):
     duration_s: float = Field(ge=0)
 
 
+def state_sha256(value: Mapping[str, Any]) -> str:
+    """Of what a state of the service holds beside this sum, as JSON: a state goes on only as it was written."""
+    held = {name: member for name, member in value.items() if name != "sha256"}
+    return hashlib.sha256(json.dumps(held, sort_keys=True).encode()).hexdigest()
+
+
 def read_outcome(data: bytes, where: str) -> WatchOutcome:
     """From the bytes of `watch.json`, or of the state that the service keeps. Raises InputError."""
     value = parse_json(data, where=where)
     if isinstance(value, dict) and isinstance(value.get("said"), dict):
+        if value.get("sha256") not in (None, state_sha256(value)):
+            raise InputError("is damaged: its content is not what was written", where=where, remedy="watch again")
         if value.get("format") != STATE:
             raise InputError(
                 f"is a state of another version than {STATE}",
