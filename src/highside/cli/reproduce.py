@@ -45,8 +45,7 @@ def _write(folder: Path, name: str, page: str, result: dict[str, Any]) -> None:
     from highside.recording.files import write_whole
 
     write_whole(folder / f"{name}.html", page.encode())
-    named = {"schema": f"highside.reproduce-{name}/1"} | result
-    write_whole(folder / f"{name}.json", (json.dumps(named, indent=1) + "\n").encode())
+    write_whole(folder / f"{name}.json", (json.dumps(result, indent=1) + "\n").encode())
 
 
 @app.command()
@@ -72,7 +71,7 @@ def balance(
         instrument = published_instrument.find(published_instrument.published(), progress=progress)
         progress(0.95, "figures and statements")
         found = reproduce(instrument)
-        result = as_dict(found)
+        result = {"schema": "highside.reproduce-balance/1"} | as_dict(found)
         if folder is not None:
             from highside.papers.reproduce_balance_page import page_of
 
@@ -116,7 +115,7 @@ def rotation(
 
     folder = _folder(output, "rotation", as_json=as_json)
     experiment = run_experiment()
-    result = as_dict(experiment)
+    result = {"schema": "highside.reproduce-rotation/1"} | as_dict(experiment)
     if folder is not None:
         page = page_of(experiment)
         _write(folder, "rotation", page, result)
