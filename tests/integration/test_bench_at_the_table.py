@@ -91,9 +91,14 @@ async def test_a_bench_that_says_nothing_more_turns_the_page_grey(tmp_path: Path
             filtered = await page.evaluate("getComputedStyle(document.querySelector('.bench')).filter")
             assert "grayscale" in filtered
             await assert_accessible(page, "lost")
+            # what is asked for now is not kept for later, when nobody means it any more
+            await page.click("[data-command=pause]")
+            await page.keyboard.press("p")
         finally:
             bench.process.send_signal(signal.SIGCONT)
         await expect(page.locator(".lost-said")).to_be_hidden(timeout=30_000)
+        await asyncio.sleep(1.0)
+        assert (await bench.state())["state"] != "paused"
         # at rest, with nothing that changes, the page is spoken to all the same
         await page.keyboard.press("p")
         await badge(page, "paused").wait_for()

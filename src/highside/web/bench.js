@@ -81,6 +81,15 @@ window.highside = (() => {
     button.disabled = false;
   });
   setInterval(() => { if (performance.now() - heard > SILENT_MS) document.body.classList.add("lost"); }, 500);
+  // What is clicked while the link is cut would be kept by the socket, and command the session whenever it is back
+  const COMMANDS = ".command, .redo-one, .q-menu";
+  const away = () => document.body.classList.contains("lost");
+  for (const kind of ["click", "keydown"]) window.addEventListener(kind, (event) => {
+    if (!away() || event.key === "Tab" || event.target.matches?.("input, textarea")) return;
+    if (kind === "click" && !event.target.closest?.(COMMANDS)) return;
+    event.stopImmediatePropagation();
+    if (kind === "click" || event.target.closest?.(COMMANDS)) event.preventDefault();
+  }, true);
   // What is behind an open dialog is inert: no key, click or screen reader gets there. A dialog comes as a child of
   // the body of its own, and is modal while it is shown; who closes it is where he was before.
   const behind = () => document.getElementById("app");
