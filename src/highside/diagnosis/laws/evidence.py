@@ -62,13 +62,13 @@ class _Family:
 
 
 class Families:
-    """All groups of a problem, stacked where they are alike."""
+    """All groups of a problem, stacked where they are alike; those of `first`, which they begin with, stay there."""
 
-    def __init__(self, problem: LawProblem, groups: list[LawGroup]) -> None:
-        self.problem, self.groups = problem, groups
+    def __init__(self, problem: LawProblem, groups: list[LawGroup], first: Families | None = None) -> None:
+        self.problem, self.groups, self.first, self._count = problem, groups, first, len(groups)
         alike: dict[tuple[int, tuple[int, ...]], list[int]] = defaultdict(list)
-        for i, group in enumerate(groups):
-            alike[group.size, group.channels].append(i)
+        for i in range(0 if first is None else first._count, len(groups)):
+            alike[groups[i].size, groups[i].channels].append(i)
         self.families = [
             _Family(
                 members,
@@ -90,10 +90,10 @@ class Families:
         made.barred = frozenset(i for i, group in enumerate(self.groups) if group.effect)
         return made
 
-    def of(self, groups: list[LawGroup]) -> Families:
-        """The same with these groups, the first of which are its own."""
-        made = Families(self.problem, groups)
-        made.barred = self.barred
+    def of(self, groups: list[LawGroup], barred: frozenset[int] = frozenset()) -> Families:
+        """The same with these groups, the first of which are its own: what is whitened of those is shared."""
+        made = Families(self.problem, groups, self)
+        made.barred = barred
         return made
 
     def whitened(self, whitener: Whitener) -> _WhiteFamilies:
@@ -125,14 +125,19 @@ class _WhiteFamilies:
     """
 
     def __init__(self, families: Families, whitener: Whitener, *, keep: bool) -> None:
-        self.problem, self.whitener, self._families, self._keep = families.problem, whitener, families.families, keep
-        self.parts: list[_Part] = []
+        self.problem, self.whitener, self._families, self._keep = families.problem, whitener, families, keep
+        self._parts: list[_Part] = []
         """made by the first pass"""
-        self.free = whitener.white(families.problem.free)
+        self.free: Array = self._first.free if self._first else whitener.white(families.problem.free)
         self._white: dict[LawGroup, Array] = {}
         self._across: dict[LawGroup, list[Array]] = {}
         self._free_across: list[Array] | None = None
         self._projections: tuple[Array, list[Array]] | None = None
+
+    @property
+    def _first(self) -> _WhiteFamilies | None:
+        """The groups that these begin with: not held here, as in `Whitened.groups`."""
+        return None if self._families.first is None else self._families.first.whitened(self.whitener)
 
     def _channels(self, family: _Family) -> list[int]:
         return list(range(self.problem.count)) if self.whitener.mixes else list(family.channels)
@@ -161,10 +166,10 @@ class _WhiteFamilies:
     def _passed(self, several: Sequence[Array]) -> list[list[Array]]:
         """Of each of several sets of whitened rows (K, C, n) the inner products (G, m, K) with each part."""
         made: list[list[Array]] = [[] for _ in several]
-        for k, family in enumerate(self._families):
+        for k, family in enumerate(self._families.families):
             (count, size), channels = family.orders.shape, self._channels(family)
             rows = [one[:, channels].reshape(len(one), len(channels) * self.problem.n) for one in several]
-            known = self.parts[k] if k < len(self.parts) else None
+            known = self._parts[k] if k < len(self._parts) else None
             if known is not None and known.columns is not None:
                 blocks: Iterable[Array] = [known.columns]
             elif self._keep:
@@ -184,20 +189,23 @@ class _WhiteFamilies:
                 for own, beside in zip(products, rows, strict=True):
                     own.append((flat @ beside.T).reshape(len(columns), size, -1))
             if known is None:
-                self.parts.append(_Part(family, np.concatenate(grams), columns if self._keep else None))
+                self._parts.append(_Part(family, np.concatenate(grams), columns if self._keep else None))
             for found, own in zip(made, products, strict=True):
                 found.append(np.concatenate(own))
         return made
 
     def columns_of(self, group: LawGroup) -> Array:
         """(m, C, n) whitened columns of a group."""
+        if (first := self._first) is not None:
+            return first.columns_of(group)
         if group not in self._white:
             self._white[group] = self.whitener.white(raw_columns_of(self.problem, group))
         return self._white[group]
 
-    def beside(self, terms: Sequence[LawTerm], residual: Array) -> tuple[list[Array], list[Array]]:
-        """Of each part the inner products (G, m, K) with all that is free and the terms, and (G, m) with a residual
+    def beside(self, terms: Sequence[LawTerm], residual: Array) -> list[tuple[_Part, Array, Array]]:
+        """Each part with its inner products (G, m, K) with all that is free and the terms, and (G, m) with a residual
         (C, n), not whitened: those of the last are kept. What is not known is taken in one pass."""
+        before = self._first.beside(terms, residual) if self._first else []
         lacking = list(dict.fromkeys(term.group for term in terms if term.group not in self._across))
         wanted = [self.columns_of(group) for group in lacking]
         projected = self._projections is not None and self._projections[0] is residual
@@ -212,9 +220,9 @@ class _WhiteFamilies:
             self._projections = residual, [one[:, :, 0] for one in made.pop()]
         self._across.update(zip(lacking, made, strict=True))
         assert self._projections is not None
-        own = [self._across[term.group] for term in terms]
-        across = [np.concatenate([free, *(one[i] for one in own)], axis=2) for i, free in enumerate(self._free_across)]
-        return across, self._projections[1]
+        own = (self._free_across, *(self._across[term.group] for term in terms))
+        across = [np.concatenate(parts, axis=2) for parts in zip(*own, strict=True)]
+        return [*before, *zip(self._parts, across, self._projections[1], strict=True)]
 
 
 class Whitened:
@@ -302,12 +310,12 @@ class Whitened:
         groups = self.families.groups
         gains = np.full(len(groups), -np.inf)
         priors = [Prior(1.0, 1.0)] * len(groups)
-        left = []
-        for part, across, projections in zip(white.parts, *white.beside(terms, self._raw), strict=True):
+        parts, left = [], []
+        for part, across, projections in white.beside(terms, self._raw):
             remaining = part.gram - across @ inverse @ across.transpose(0, 2, 1)
+            parts.append(part)
             left.append(_shown(part.gram, remaining, projections - across @ coefficients))
         # no prior gains more than the best fit does: what cannot come near the best is not looked at
-        parts = white.parts
         bounds = [_bound(*one) - part.family.tries for one, part in zip(left, parts, strict=True)]
         barred = self.families.barred
         for bound, part in zip(bounds, parts, strict=True):
@@ -325,9 +333,10 @@ class Whitened:
                 picked = np.flatnonzero((bound >= worth) & ~looked[k] & np.isfinite(bound))
                 if not picked.size:
                     continue
-                near = -np.inf if stage == 0 else worth + part.family.tries[picked]
+                # of the first, what stays behind those before it is not looked at again
+                near = (float(gains.max()) - within if stage == 0 else worth) + part.family.tries[picked]
                 gain, size, length = best_priors(gram[picked], drive[picked], part.family.orders[picked], near)
-                looked[k][picked] = np.isfinite(gain)
+                looked[k][picked] = np.isfinite(gain) | (stage == 0)
                 for own, j in enumerate(picked):
                     i = part.family.members[int(j)]
                     gains[i] = gain[own] - part.family.tries[j]
@@ -340,6 +349,8 @@ def _shown(before: Array, gram: Array, drive: Array) -> tuple[Array, Array]:
     may be negative."""
     power = np.diagonal(gram, axis1=1, axis2=2)
     shown = power > LAW_EVIDENCE.ridge * np.diagonal(before, axis1=1, axis2=2)
+    if shown.all():
+        return gram, drive
     return gram * (shown[:, :, None] & shown[:, None, :]), drive * shown
 
 
@@ -366,14 +377,16 @@ def best_priors(gram: Array, drive: Array, orders: Array, near: Array | float = 
     Gain -inf: with one length of the prior the group stays so far behind `near` (G,) that none brings it there.
     """
     if len(gram) and orders.any() and np.any(np.isfinite(near)):
-        rough = _at_lengths(gram, drive, orders, (LAW_EVIDENCE.rough,))[0]
-        worth = np.flatnonzero(rough >= near - LAW_EVIDENCE.slack)
-        found = [np.full(len(gram), fill) for fill in (-np.inf, 1.0, 1.0)]
+        gain, size, length = _at_lengths(gram, drive, orders, (LAW_EVIDENCE.rough,))
+        gain = np.where(gain >= near - LAW_EVIDENCE.slack, gain, -np.inf)
+        worth = np.flatnonzero(np.isfinite(gain))
         if worth.size:
-            made = _at_lengths(gram[worth], drive[worth], orders[worth], LAW_EVIDENCE.lengths)
-            for whole, own in zip(found, made, strict=True):
-                whole[worth] = own
-        return found[0], found[1], found[2]
+            others = tuple(one for one in LAW_EVIDENCE.lengths if one != LAW_EVIDENCE.rough)
+            more = _at_lengths(gram[worth], drive[worth], orders[worth], others)
+            better = more[0] > gain[worth]
+            for whole, own in zip((gain, size, length), more, strict=True):
+                whole[worth[better]] = own[better]
+        return gain, size, length
     return _at_lengths(gram, drive, orders, LAW_EVIDENCE.lengths if orders.any() else LAW_EVIDENCE.lengths[:1])
 
 

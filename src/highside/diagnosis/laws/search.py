@@ -123,7 +123,7 @@ class Search:
         """The same search with further groups, effects of the library."""
         made = copy(self)
         made.groups, made._tried = [*self.groups, *names], set()
-        made.families = Families(self.problem, made.groups)
+        made.families = self.families.of(made.groups)
         return made
 
     def run(self) -> Found:
@@ -162,7 +162,7 @@ class Search:
             return first
         self._tried.update(t.group for t in best.terms)
         self.groups = [*self.groups, *(t.group for t in best.terms if t.group not in self.groups)]
-        self.families = self.families.of(self.groups)
+        self.families = self.families.of(self.groups, self.families.barred)
         return max((first, self._proved(self._grown(self._proved(best), relearn=True))), key=lambda s: s.worth)
 
     def beside(self, fixed: Sequence[LawGroup], terms: Sequence[LawTerm]) -> Found:
@@ -171,7 +171,7 @@ class Search:
         trial = [LawTerm(g, Prior(1.0, 1.0)) for g in (*fixed, *map(self._like, kept))]
         if more := [t.group for t in trial if t.group not in self.groups]:
             self.groups = [*self.groups, *more]
-            self.families = Families(self.problem, self.groups)
+            self.families = self.families.of(self.groups)
         state = self._learn(trial, self.problem.residual)
         for _ in range(LAW_SEARCH.rounds):
             white = self._whitened(state)
@@ -270,7 +270,7 @@ class Search:
                 if not alike[best]:
                     self._tried.add(own.groups[best])
                 self.groups.append(own.groups[best])
-                self.families = Families(self.problem, self.groups)
+                self.families = self.families.of(self.groups)
                 terms = [LawTerm(own.groups[best], priors[best]) if i == k else t for i, t in enumerate(terms)]
         return terms
 
@@ -292,7 +292,7 @@ class Search:
             return terms
         self._tried.add(best.group)
         self.groups.append(best.group)
-        self.families = Families(self.problem, self.groups)
+        self.families = self.families.of(self.groups)
         return [best if i == k else t for i, t in enumerate(terms)]
 
     def _refitted_with_rivals(self, white: Whitened, terms: list[LawTerm]) -> list[LawTerm]:
