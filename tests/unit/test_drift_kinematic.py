@@ -155,21 +155,23 @@ def test_drilling_stays_within_the_published_figures_in_five_of_six_seeds() -> N
     assert np.sqrt(np.mean(np.square(detected))) < 1.3 * np.sqrt(np.mean(np.square(declared)))
 
 
-@pytest.mark.parametrize(("theta_deg", "bound_deg"), [(0.0, 0.1016), (30.0, 0.1257), (60.0, 0.2374)])
-def test_a_turning_table_shows_all_biases_to_gravity_as_well_as_theory_allows(
-    theta_deg: float, bound_deg: float
-) -> None:
-    experiment = rotating_table(theta_deg, rate_hz=10.0)
-    assert np.degrees(azimuth_bound(experiment)[-1]) == pytest.approx(bound_deg, rel=0.01)
-    errors = []
-    for seed in range(60):
-        result, _ = _run(experiment, 500 + seed, settings=replace(NO_STOPS, azimuth_std_rad=1e-5))
-        errors.append(np.degrees(wrap_signed(float(result.azi_rad[-1] - experiment.psi[-1]))))
-        assert result.basis == (AzimuthBasis.ROTATION,)
-        # what it states is the bound
-        assert np.degrees(result.azi_std_rad[-1]) == pytest.approx(bound_deg, rel=0.03)
-    # sixty runs tell a standard deviation to 9 %
-    assert np.sqrt(np.mean(np.square(errors))) < 1.25 * bound_deg
+def test_a_turning_table_shows_all_biases_to_gravity_as_well_as_theory_allows() -> None:
+    every = []
+    for theta_deg, bound_deg in ((0.0, 0.1016), (30.0, 0.1257), (60.0, 0.2374)):
+        experiment = rotating_table(theta_deg, rate_hz=10.0)
+        assert np.degrees(azimuth_bound(experiment)[-1]) == pytest.approx(bound_deg, rel=0.01)
+        errors = []
+        for seed in range(24):
+            result, _ = _run(experiment, 500 + seed, settings=replace(NO_STOPS, azimuth_std_rad=1e-5))
+            errors.append(np.degrees(wrap_signed(float(result.azi_rad[-1] - experiment.psi[-1]))))
+            assert result.basis == (AzimuthBasis.ROTATION,)
+            # what it states is the bound
+            assert np.degrees(result.azi_std_rad[-1]) == pytest.approx(bound_deg, rel=0.03)
+        # 24 runs tell a standard deviation to 14 %, those of all three inclinations to 8 %: at the bound, either limit
+        # is passed by chance in less than one of 200
+        assert np.sqrt(np.mean(np.square(errors))) < 1.4 * bound_deg
+        every += (np.array(errors) / bound_deg).tolist()
+    assert np.sqrt(np.mean(np.square(every))) < 1.25
 
 
 def test_a_turning_rod_with_a_scale_error_keeps_its_azimuth_and_finds_the_error() -> None:
