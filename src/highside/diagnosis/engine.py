@@ -2,8 +2,7 @@
 
 1. base fit (the effects that may be refitted anyway), 2. noise from what no candidate explains, 3. scan of the residual
 outside of the base for places, 4. race of the candidates, 5. classes of what cannot be distinguished, 6. joint refit
-with intervals and a check that the values are plausible, 7. proof on held-out blocks, 8. scan of the remainder,
-verdict.
+with intervals, values that are plausible, 7. proof on held-out blocks, 8. scan of the remainder, verdict.
 """
 
 from __future__ import annotations
@@ -37,6 +36,7 @@ from highside.diagnosis.core.serial_correlation import (
     slow_ranking,
 )
 from highside.diagnosis.core.unexplained import hinted
+from highside.diagnosis.identified_noise import with_remembering_rows
 from highside.diagnosis.law_channels import with_channel_laws
 from highside.diagnosis.law_sessions import ChainSession, MagnitudeLaws
 from highside.diagnosis.magnitude.problem import MagnitudeProblem
@@ -80,9 +80,9 @@ def diagnose_poses(
     """Diagnose n poses against a model whose effects `free` may be refitted. The same seed gives the same answer."""
     problem = PoseProblem.of(session, model, tuple(free), seed, method)
     answer = diagnose(problem, version)
-    if not method.laws:
-        return answer
-    return with_laws(ChainSession.of_poses(session, free), problem.model, *answer)
+    if method.laws:
+        answer = with_laws(ChainSession.of_poses(session, free), problem.model, *answer)
+    return with_remembering_rows(session, problem.base, *answer) if method.colour else answer
 
 
 def diagnose_rotation(

@@ -4,7 +4,8 @@ The first diagnosis knows scatter of sensors and settings and a random walk of e
 more kinds (errors of the set angles or of the whole level, first-order levels, 1/f) by evidence, beside no law at all.
 Where one of them takes down to the floor what was "something without a name", that is the answer. And where errors of
 the set angles take much in few poses, and are larger than a bench makes them, they may as well be a law of these
-angles: that is no "nothing", it is not testable.
+angles: that is no "nothing", it is not testable. Poses that scatter more than they repeat, with no memory from pose to
+pose, are asked once more row by row: noise with a memory shows within them.
 """
 
 from __future__ import annotations
@@ -13,14 +14,19 @@ from dataclasses import replace
 
 import numpy as np
 
+from highside.arrays import Array
 from highside.diagnosis.core.finding_policy import FLOOR
 from highside.diagnosis.core.policy import MEMORY
+from highside.diagnosis.core.problem import ReportData
 from highside.diagnosis.core.result import DiagnosisResult
 from highside.diagnosis.core.serial_correlation import RANDOM_WALK
 from highside.diagnosis.core.unexplained import hinted
 from highside.diagnosis.laws.noise import LawNoise
 from highside.diagnosis.laws.policy import LAW_GROUPS, LAW_VERDICT
 from highside.diagnosis.laws.search import Found
+from highside.diagnosis.poses.policy import ROWS_MEMORY
+from highside.diagnosis.poses.rows_memory import rows_memory
+from highside.diagnosis.poses.session import PoseSession
 from highside.diagnosis.poses.within import CHECK as WITHIN_POSE
 
 
@@ -33,6 +39,21 @@ def with_identified_noise(diagnosis: DiagnosisResult, found: Found) -> Diagnosis
     if diagnosis.verdict == "nothing_left_out":
         return _undecided_memory(_undecided_angles(diagnosis, found), found)
     return diagnosis
+
+
+def with_remembering_rows(
+    session: PoseSession, base: Array, diagnosis: DiagnosisResult, report: ReportData
+) -> tuple[DiagnosisResult, ReportData]:
+    """The diagnosis of poses that scatter more than they repeat, where the rows within them show that this is noise
+    with a memory; `base` (P, 3, n) may be refitted."""
+    if diagnosis.verdict != "unknown" or not _by_scatter_alone(diagnosis):
+        return diagnosis, report
+    known = rows_memory(session, base)
+    if known is None or known.nats < ROWS_MEMORY.found:
+        return diagnosis, report
+    noise = {**diagnosis.noise, "rows_memory_evidence": known.nats, "rows_memory_s": known.length_s}
+    words = "what is left is taken for noise: a zero offset that wanders"
+    return hinted(replace(diagnosis, verdict="wander", noise=noise), words), report
 
 
 def _by_scatter_alone(diagnosis: DiagnosisResult) -> bool:

@@ -123,6 +123,33 @@ class WithinPolicy:
 WITHIN = WithinPolicy()
 
 
+@dataclass(frozen=True)
+class RowsMemoryPolicy:
+    """Noise with a memory, as the rows within the poses show it."""
+
+    found: float = 3.0
+    """Nats by which a level that forgets must be ahead of an error of each pose, all channels together, to be what the
+    poses scatter by. Source: strong evidence (Kass and Raftery 1995)."""
+    rows: float = 2.0
+    """Rows of a pose, in the mean, from which they are asked. Source: two differ, one does not."""
+    stretches: int = 16
+    """Stretches of a pose whose means stand for its rows. Source: chosen; a memory of a sixteenth of a pose is white
+    for its mean."""
+    shares: tuple[float, ...] = (0.03, 0.1, 0.3, 0.6, 1.0, 2.0, 4.0, 10.0, 30.0)
+    """Variances of the level, in those of a row. Source: chosen; steps of two to three."""
+    shortest: float = 2.0
+    """Shortest length of the level, in steps from stretch to stretch. Source: a shorter one is white."""
+    longest: float = 3000.0
+    """Longest one, in the same. Source: chosen; a session's length and more."""
+    lengths: int = 14
+    """Lengths tried. Source: chosen; neighbours differ by less than a factor of two."""
+    errors: tuple[float, ...] = (0.03, 0.1, 0.3, 0.6, 1.0, 2.0, 4.0, 10.0, 30.0, 100.0, 1e3, 1e4, 1e6)
+    """Variances of an error of each pose, in those of a row. Source: as `shares`, and on to any size."""
+
+
+ROWS_MEMORY = RowsMemoryPolicy()
+
+
 POSES = ProblemPolicy(marginal=1.0, slow=SlowLimits(over_random_walk=12.5, pairs=True))
 """One scan in a hundred is significant by chance, which beside a name is no reason to doubt it: chosen in 36be2bd; no
 run is recorded. The limit over a random walk was set in 6a24687 by simulated random walks: of them one in twenty at

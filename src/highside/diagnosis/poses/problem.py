@@ -28,9 +28,10 @@ from highside.diagnosis.core.result import DiagnosisResult, Location
 from highside.diagnosis.core.rivals import Rivalry, next_poses
 from highside.diagnosis.core.still_problem import StillProblem, rich_columns
 from highside.diagnosis.core.unexplained import hinted
-from highside.diagnosis.core.untestable import with_manoeuvres
+from highside.diagnosis.core.untestable import one_sided, with_manoeuvres
 from highside.diagnosis.poses import noise as noise_model
 from highside.diagnosis.poses.noise import PoseNoise
+from highside.diagnosis.poses.one_side import OneSide
 from highside.diagnosis.poses.policy import POSES
 from highside.diagnosis.poses.session import PoseSession
 from highside.diagnosis.poses.within import with_courses
@@ -144,7 +145,13 @@ class PoseProblem(StillProblem[PoseNoise]):
             words = f"what is left is taken for errors of the set angles: {np.degrees(inc):.2g} deg of inclination, "
             diagnosis = hinted(diagnosis, f"{words}{np.degrees(tf):.2g} deg of toolface")
         placed = with_manoeuvres(located_by_cause(diagnosis, self.model, self.session.state), self.session.state)
-        return with_courses(placed, self.session.within)
+        return self._one_side.told(with_courses(placed, self.session.within))
+
+    @property
+    def _one_side(self) -> OneSide:
+        state = self.session.state
+        constants = tuple(one.effect for one in self.unobservable if one_sided(one.effect, state))
+        return OneSide(state, self.model, self.force, self.base, self.noise, constants)
 
     def advice(self, term: Term, r: Rivalry, fit: JointFit) -> str:
         candidate = self.candidates[term.candidate]

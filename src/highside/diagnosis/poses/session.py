@@ -27,6 +27,29 @@ from highside.physics.state import KNOWN_COLUMNS, ChainState
 
 
 @dataclass(frozen=True)
+class HeldRows:
+    """N rows within the poses, in time order: `values` (3, N) in g, the number of each row's `pose`, `t_s`; (N,)."""
+
+    values: Array
+    pose: NDArray[np.intp]
+    t_s: Array
+
+    @classmethod
+    def of(cls, accel_g: Array, groups: list[NDArray[np.intp]], t_s: Array) -> HeldRows:
+        """The rows of groups (one for each pose) of a recording."""
+        rows = np.concatenate(groups)
+        pose = np.repeat(np.arange(len(groups)), [own.size for own in groups])
+        return cls(accel_g[:, rows], pose, t_s[rows])
+
+    def select(self, poses: NDArray[np.intp]) -> HeldRows:
+        """The rows of these poses."""
+        number = np.full(int(self.pose[-1]) + 1, -1, dtype=np.intp)
+        number[poses] = np.arange(len(poses))
+        kept = number[self.pose] >= 0
+        return HeldRows(self.values[:, kept], number[self.pose[kept]], self.t_s[kept])
+
+
+@dataclass(frozen=True)
 class PoseSession:
     """n poses: `mean` (3, n) in g, tool frame; `count` (n,) rows of each; `state` with n rows in time order.
 
@@ -43,6 +66,7 @@ class PoseSession:
     """what the rows do while a pose is held"""
     expected: int = 0
     """stops that the reference has"""
+    rows: HeldRows | None = None
 
     @property
     def n(self) -> int:
@@ -58,6 +82,7 @@ class PoseSession:
             state=self.state.rows(poses),
             scatter=None if self.scatter is None else self.scatter[:, poses],
             floor=None if self.floor is None else NoiseFloor(self.floor.sigma[:, poses], self.floor.freedom),
+            rows=None if self.rows is None else self.rows.select(poses),
         )
 
 
@@ -130,7 +155,8 @@ def pose_session(
         scatter = np.stack([accel_g[:, rows].std(axis=1, ddof=1) for rows in groups], axis=1)
     step_s = float(np.median(np.diff(columns["t_s"]))) if columns["t_s"].size > 1 else 1.0
     within = within_poses(accel_g, groups, step_s)
-    return PoseSession(mean, count, state, scatter, floor_of_means(accel_g, groups), within, _stops(columns))
+    floor, rows = floor_of_means(accel_g, groups), HeldRows.of(accel_g, groups, columns["t_s"])
+    return PoseSession(mean, count, state, scatter, floor, within, _stops(columns), rows)
 
 
 def _stays(t_s: Array, groups: list[NDArray[np.intp]]) -> tuple[Array, Array]:
