@@ -2,7 +2,7 @@
 
     python -m studies.simulation_ends --seeds hands-1 a1 a2
     python -m studies.simulation_ends --seeds a1 --late-ms 10 --diagnose
-    python -m studies.simulation_ends --seeds b1 --share 0.05 --diagnose --names-alone
+    python -m studies.simulation_ends --seeds b1 --share 0.05 -0.03 --diagnose --names-alone
 
 The prediction goes on where the recording ends, and is late; or, with `--share`, a frequency of its motion is off by a
 share. Of each session what is left after the exact shift or rate of the clock (and a factor of each channel, with
@@ -13,6 +13,7 @@ with `--diagnose` also what is claimed.
 from __future__ import annotations
 
 import argparse
+import itertools
 
 import numpy as np
 
@@ -45,23 +46,23 @@ def main() -> None:
     parser.add_argument("--seeds", nargs="+", required=True)
     parser.add_argument("--late-ms", type=float, default=-10.0, help="by how much the prediction is late")
     parser.add_argument(
-        "--share", type=float, default=0.0, help="by which a frequency of the prediction is off instead"
+        "--share", type=float, nargs="+", default=[0.0], help="by which a frequency of the prediction is off instead"
     )
     parser.add_argument("--diagnose", action="store_true")
     parser.add_argument("--names-alone", action="store_true", help="no search for laws")
     given = parser.parse_args()
-    shift_s, share = -1e-3 * given.late_ms, given.share
-    name = "table/early/10" if given.late_ms < 0 else f"beside/late{given.late_ms:g}"
-    name = f"beside/freq{100 * share:g}" if share else name
-    for seed in given.seeds:
+    for share, seed in itertools.product(given.share, given.seeds):
+        shift_s = -1e-3 * given.late_ms
         if share:
+            name = f"beside/freq{100 * share:g}"
             case = beside_simulation.frequency_off(name, rng_of(seed, name), share)
         else:
+            name = "table/early/10" if given.late_ms < 0 else f"beside/late{given.late_ms:g}"
             case = beside_simulation.early(name, rng_of(seed, name), shift_s)
         assert case.prediction is not None
         session = simulation_session(case.recording, case.prediction)
         moved = session.about({SKEW: (share / (1 + share),)} if share else {OFFSET: (shift_s,)})
-        print(f"{seed}: {left_of(moved, bool(share))}", flush=True)
+        print(f"{seed}, {share:g}: {left_of(moved, bool(share))}", flush=True)
         if given.diagnose:
             method = ProcedureParts.without("laws") if given.names_alone else WHOLE
             found = diagnose_simulation(session, (), method=method)[0]

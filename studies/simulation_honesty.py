@@ -94,6 +94,11 @@ def _late(motion: Motion, later_s: Array) -> Array:
     return motion.at(T_S - later_s) - motion.at(T_S)
 
 
+def _late_one(motion: Motion, later_s: float) -> Array:
+    late = _late(motion, np.full(T_S.size, later_s))
+    return _on(1, late[1])
+
+
 def _unknown_motion(motion: Motion) -> Array:
     """The room moves, and the prediction does not know."""
     rng = np.random.default_rng(int(1e6 * abs(motion.all[0, 0])))
@@ -121,6 +126,7 @@ CASES: dict[str, Truth] = {
     ),
     "time_offset": (lambda m, s: _late(m, np.full(T_S.size, 1e-4)), ("time_offset",)),
     "bandwidth_lag": (lambda m, s: _lagged(m, 1e-3), ("bandwidth_lag",)),
+    "late channel": (lambda m, s: _late_one(m, 1e-4), ("late_channel",)),
     # constants of the simulation
     "value of g": (lambda m, s: np.concatenate([s[:3], np.zeros_like(s[3:])]), ("scale",)),
     "unit of rates": (lambda m, s: np.concatenate([np.zeros_like(s[:3]), s[3:]]), ("gyro_scale",)),
@@ -142,6 +148,7 @@ CASES: dict[str, Truth] = {
 NONLINEAR: dict[str, Callable[[Motion, float], Array]] = {
     "time_offset": lambda m, x: _late(m, np.full(T_S.size, 1e-4 * x)),
     "bandwidth_lag": lambda m, x: _lagged(m, 1e-3 * x),
+    "late channel": lambda m, x: _late_one(m, 1e-4 * x),
     "sample rate": lambda m, x: _late(m, 1e-5 * x * T_S),
     "delay by time": lambda m, x: _late(m, 1e-4 * x * np.sin(2 * np.pi * T_S / 45.0)),
 }

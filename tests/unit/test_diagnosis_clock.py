@@ -11,9 +11,14 @@ from scipy.interpolate import CubicSpline
 from scipy.signal import butter, lfilter, sosfiltfilt
 from scipy.spatial.transform import Rotation
 
+from highside.diagnosis.core.method import WHOLE, ProcedureParts
 from highside.diagnosis.core.result import DiagnosisResult
 from highside.diagnosis.engine import diagnose_simulation
-from highside.diagnosis.simulation.session import SimulationSession, simulation_session
+from highside.diagnosis.simulation.alignment import align
+from highside.diagnosis.simulation.session import RATES, SimulationSession, simulation_session
+from highside.diagnosis.simulation.starts import measured_start
+from studies.open_world import beside_simulation
+from studies.open_world.deck import rng_of
 
 Array = NDArray[np.float64]
 Columns = dict[str, Array]
@@ -43,9 +48,9 @@ def of(force: Array, t_s: Array = T_S, noise: float = 0.0, seed: int = 7) -> Col
     return {"t_s": t_s, **dict(zip(AXES, rows, strict=False))}
 
 
-def reported(recorded: Columns, predicted: Columns) -> tuple[DiagnosisResult, SimulationSession]:
+def reported(recorded: Columns, predicted: Columns, *, laws: bool = True) -> tuple[DiagnosisResult, SimulationSession]:
     session = simulation_session(recorded, predicted)
-    return diagnose_simulation(session, ())[0], session
+    return diagnose_simulation(session, (), method=WHOLE if laws else ProcedureParts.without("laws"))[0], session
 
 
 def names(found: DiagnosisResult) -> list[str]:
@@ -146,6 +151,28 @@ def test_a_periodic_motion_with_a_constant_that_is_off_is_a_rate(off: float) -> 
     assert session.alignment.rate == pytest.approx(off, abs=2e-3)
 
 
+@pytest.mark.parametrize("off", [-0.03, -0.06, 0.04])
+def test_beyond_the_end_of_a_slow_prediction_nothing_is_compared(off: float) -> None:
+    """Its last value was taken to go on: whole periods of the motion were a lag, of which less lay beyond the end."""
+    own = dict(zip(AXES, pendulum(0.8 * (1 - off)), strict=False))
+    found = align(T_S, own, T_S, dict(zip(AXES, pendulum(0.8), strict=False)))
+    assert found.rate == pytest.approx(off, abs=2e-3)
+    assert found.lag_s == pytest.approx(0.0, abs=0.02)
+
+
+def test_a_motion_that_runs_slow_with_its_rates_is_no_clock() -> None:
+    """The factor of the rates explains little of all, and was let go: 300 times the noise was left of them."""
+    case = beside_simulation.frequency_off("slow", rng_of("b1", "slow"), -0.03)
+    assert case.prediction is not None
+    gyros = ({"t_s": side["t_s"], **{n: side[n] for n in RATES}} for side in (case.recording, case.prediction))
+    session = simulation_session(*gyros)
+    found = diagnose_simulation(session, (), method=ProcedureParts.without("laws"))[0]
+    assert (found.verdict, names(found)) == ("named", ["clock_skew", "gyro_scale"])
+    factor = found.claims[1].parameters["k_gy_dps"].value
+    assert factor == pytest.approx(-found.claims[0].parameters["eps"].value, rel=0.01)
+    assert found.remainder.hints[0].startswith("the motion of the prediction and its rates are 0.97 times as fast")
+
+
 def test_a_clock_that_runs_off_by_little_is_a_rate_too() -> None:
     force = np.stack([CubicSpline(T_S, row)(T_S * (1 - 5e-4)) for row in by_hand()])
     found, _ = reported(of(force, noise=NOISE_G), of(by_hand()))
@@ -173,3 +200,28 @@ def test_files_with_a_zero_of_time_of_their_own_leave_no_offset_behind() -> None
     assert not session.alignment.same_clock
     assert found.verdict == "nothing_left_out"
     assert "time_offset" in {entry.effect for entry in found.not_testable}
+
+
+@pytest.mark.parametrize("late_s", [0.004, 0.05])
+def test_one_channel_that_is_late_is_named_with_its_delay(late_s: float) -> None:
+    """4 ms were three laws without a name."""
+    force = by_hand().copy()
+    force[1] = CubicSpline(T_S, force[1])(T_S - late_s)
+    found, _ = reported(of(force, noise=NOISE_G), of(by_hand()), laws=False)
+    assert names(found) == ["late_channel"]
+    assert {n: p.value for n, p in found.claims[0].parameters.items()} == {"t0_ay_g": pytest.approx(late_s, abs=1e-4)}
+
+
+def test_a_start_is_what_was_measured_beyond_first_order() -> None:
+    force = by_hand().copy()
+    force[1] = CubicSpline(T_S, force[1])(T_S - 0.05)
+    session = simulation_session(of(force, noise=NOISE_G), of(by_hand()))
+    (own_s,) = measured_start(session).values()
+    assert max(own_s) == pytest.approx(0.05, abs=2e-3)
+    assert sorted(own_s)[0] == 0.0
+    # all of them late are a clock
+    late = simulation_session(of(by_hand(), noise=NOISE_G), of(by_hand(), T_S - 0.05))
+    assert measured_start(late) == {"time_offset": (pytest.approx(0.05, abs=2e-3),)}
+    # a rate that is off is no offset as well, by which it is measured wrongly
+    slow = simulation_session(of(pendulum(0.8 * 1.01), noise=NOISE_G), of(pendulum(0.8)))
+    assert measured_start(slow).keys() == {"clock_skew"}

@@ -81,6 +81,8 @@ class Channels:
     at: Callable[[AnyArray], AnyArray] = field(default=lambda later_s: np.empty((0, 0)))
     risen: Callable[[float], AnyArray] = field(default=lambda since_s: np.empty(0))
     """(n,) what a unit step becomes in these rows, so many seconds after the first of them"""
+    in_time: int = 0
+    """the channel by which the clock is told, where each has a delay of its own"""
 
     @property
     def n(self) -> int:

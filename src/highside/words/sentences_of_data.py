@@ -119,6 +119,11 @@ SAID = (
     said_later(
         "all rates are %(factor)s times the prediction: the simulation's unit of rates, or its time step, may be off"
     ),
+    said_later(
+        "the motion of the prediction and its rates are %(ratio)s times as fast as the recorded ones: its frequency is "
+        "off and no clock; where a spring or gravity sets it, a stiffness is %(stiffness)s times the real one, or a "
+        "length %(length)s times"
+    ),
     said_later("even the largest size that is plausible would not show in this recording"),
     said_later(
         "%(channel)s departs more from %(low)s to %(high)s Hz than at lower frequencies, as noise of a sensor does "

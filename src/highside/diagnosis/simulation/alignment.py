@@ -162,10 +162,11 @@ def _rate(x: Array, y: Array, hz: float, start: float, within_s: float) -> tuple
     while True:
         found = []
         for one in tried:
-            # what the prediction shows at a time so much earlier, the longer the more
+            # what the prediction shows at a time so much earlier, the longer the more; nothing beyond its end
             times = np.arange(length) / hz * (1 - one) + at
+            times = times[times <= (y.shape[1] - 1) / hz]
             warped = np.stack([np.interp(times, np.arange(y.shape[1]) / hz, row) for row in y])
-            both = _standard_rows(x[:, :length]), _standard_rows(warped)
+            both = _standard_rows(x[:, : times.size]), _standard_rows(warped)
             found.append((*_nearest(*both, hz, 0.0, within_s, ALIGNMENT.equal_turned), one))
         lag, value, rate = max(found, key=lambda f: f[1])
         if length == rows:

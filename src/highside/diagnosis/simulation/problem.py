@@ -19,7 +19,7 @@ from highside.diagnosis.core.policy import INTERVALS
 from highside.diagnosis.core.probability import student_quantile
 from highside.diagnosis.core.problem import ReportData, SelectionState
 from highside.diagnosis.core.problem_policy import ProblemPolicy
-from highside.diagnosis.core.regression import outside, solved
+from highside.diagnosis.core.regression import solved
 from highside.diagnosis.core.result import DiagnosisResult, Fit, FittedParameter, Location
 from highside.diagnosis.core.rivals import Rivalry
 from highside.diagnosis.core.stability import Stability
@@ -30,6 +30,7 @@ from highside.diagnosis.rows.noise import RotationNoise, estimate
 from highside.diagnosis.rows.problem import RowsProblem, RowsSelectionState
 from highside.diagnosis.rows.segments import Key
 from highside.diagnosis.simulation.activity import by_activity
+from highside.diagnosis.simulation.believed import more_than_remainders
 from highside.diagnosis.simulation.clock_or_filter import better_than, without_filter
 from highside.diagnosis.simulation.constancy import stability_beside, steady_terms
 from highside.diagnosis.simulation.constants import with_constants
@@ -44,6 +45,7 @@ from highside.diagnosis.simulation.design import (
 )
 from highside.diagnosis.simulation.policy import SIMULATION, SIMULATION_CHOICE
 from highside.diagnosis.simulation.session import OFFSET, SKEW, SimulationSession
+from highside.diagnosis.simulation.starts import measured_start
 from highside.physics.channel_effect import OnChannels
 
 
@@ -62,10 +64,8 @@ class SimulationProblem(RowsProblem):
         as it was measured; what the recording is better explained from is kept.
         """
         found = cls._settled(session, free, seed, {})
-        a = session.alignment
-        end = abs(a.rate) * float(session.elapsed_s[-1])
-        if a.same_clock and 2 * np.pi * session.band_hz * max(abs(a.lag_s), end) > SIMULATION_CHOICE.phase:
-            start: About = {OFFSET: (a.lag_s,)} if not a.rate else {OFFSET: (a.lag_s,), SKEW: (a.rate,)}
+        start = measured_start(session)
+        if start:
             moved = cls._settled(session, free, seed, start)
             found = moved if better_than(moved, found) else found
         return without_filter(found, partial(cls._settled, session, free, seed))
@@ -173,26 +173,8 @@ class SimulationProblem(RowsProblem):
         return beats_random_walk(self.likelihoods([]), self.block(terms), own, dof, certain=selection.scan_threshold)
 
     def believed(self, selection: SelectionState[RotationNoise], terms: list[Term]) -> list[Term]:
-        selector = selection.selector
         terms = [m for m in terms if not self._within_memory(selection.noise, m, terms)]
-
-        def gain(subset: Sequence[Term]) -> float:
-            left = outside(selector.space_with(subset), selector.residual)
-            return float(selector.residual @ selector.residual - left @ left)
-
-        # of an effect that is a thousand times its noise, what no formula has exactly is still significant; beside a
-        # clock that was moved that looks like another delay, and no further effect
-        moved = any(self.candidates[m.candidate].id in self.design.tangents for m in terms)
-        kept, total = list(terms), gain(terms)
-        for term in reversed(terms):
-            candidate = self.candidates[term.candidate]
-            least = SIMULATION_CHOICE.least_named if candidate.named else SIMULATION_CHOICE.least_product
-            if moved and isinstance(candidate.effect, OnChannels) and not candidate.effect.relinearised:
-                least *= SIMULATION_CHOICE.beside_clock
-            others = [m for m in kept if m != term]
-            if others and total - gain(others) < least * total:
-                kept = others
-        return kept
+        return more_than_remainders(self, selection, terms)
 
     def _within_memory(self, noise: RotationNoise, term: Term, terms: Sequence[Term]) -> bool:
         """Whether an offset is no larger than the mean of a level, walking or forgetful, as large as the noise may
