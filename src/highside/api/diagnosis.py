@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypedDict
 
@@ -23,6 +23,7 @@ from highside.diagnosis.recording import ACCELEROMETERS, GYROS, Request, diagnos
 from highside.diagnosis.simulation.alignment import Align
 from highside.errors import InputError
 from highside.physics.noise import std_of_average
+from highside.physics.plan import Site
 from highside.recording.files import write_folder
 from highside.recording.frames import Columns, File, FrameT, take
 from highside.recording.long import MANY_ROWS, LongRecording, long_recording
@@ -207,7 +208,7 @@ def diagnose(
         complete=rows.complete,
         forward=knows.forward(),
         free=sensor.free,
-        site=knows.site.site,
+        site=_site(knows),
         axes=list(zip(axes.order, axes.signs, strict=True)),
         reference=knows.reference.kind if "kind" in knows.reference.model_fields_set else None,
         predicted=None if predicted is None else predicted.columns,
@@ -225,6 +226,14 @@ def diagnose(
         answer = diagnose_columns(request)
     notes = (*_of_long(rows), *answer.notes) if isinstance(rows, LongRecording) else answer.notes
     return Diagnosis(answer.diagnosis, answer.report_data, knows, _name(rows), notes)
+
+
+def _site(knows: Model) -> Site:
+    """Where the bench stands. Of a model that does not say, the latitude is not known (NaN), and what the Earth's
+    rotation does has no direction; one that has this effect all the same stands on the equator."""
+    site = knows.site.site
+    unknown = knows.site.latitude_deg is None and "earth_rotation" not in knows.effects.included
+    return replace(site, latitude_rad=float("nan")) if unknown else site
 
 
 def long_rows(recording: object, model: ModelLike | None = None, *, always: bool = False) -> LongRecording | None:

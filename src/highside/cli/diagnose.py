@@ -15,6 +15,7 @@ from highside.cli.say import echo
 
 if TYPE_CHECKING:
     from highside.api.diagnosis import Diagnosis
+    from highside.config.model import Model
     from highside.diagnosis.core.result import DiagnosisResult
     from highside.recording.table import Recording
 
@@ -25,11 +26,11 @@ RecordingOption = Annotated[
 ]
 ModelOption = Annotated[
     Path | None,
-    typer.Option("--model", help="Model file (TOML): what the simulation knows. --summary does without."),
+    typer.Option("--model", help="Model file (TOML): what the simulation knows; nothing beside the sensor without."),
 ]
 Summary = Annotated[
     Path | None,
-    typer.Option("--summary", help="A published error table (CSV) in place of a recording; --model may be left out."),
+    typer.Option("--summary", help="A published error table (CSV) in place of a recording."),
 ]
 CorrectedBy = Annotated[
     str, typer.Option("--corrected-by", help="conventional3, balance-average or none: what the table comes after.")
@@ -98,13 +99,12 @@ def diagnose(
     """Say where a recording departs from the simulation, what was left out, and how sure that is."""
     from highside.api import diagnosis as api
     from highside.cli.diagnose_progress import progress_on_terminal
-    from highside.config.model import Model, load_model
 
-    out = _require_consistent(recording, model, out, summary, simulation, write_model, align)
+    out = _require_consistent(recording, out, summary, simulation, write_model, align)
     if cluster is not None:
         run_by_run = _spreadable(run_by_run, summary, effects)
     take_in(effects)
-    knows = Model() if model is None else load_model(model)
+    knows = _known(model, alone=simulation is None and summary is None)
     with progress_on_terminal() as progress:
         if summary is not None:
             with as_options("corrected_by"):
@@ -183,9 +183,19 @@ def _write_and_tell(made: Diagnosis, out: Path, write_model: Path | None, *, rep
         raise typer.Exit(1)
 
 
+def _known(model: Path | None, *, alone: bool) -> Model:
+    """What is known beforehand; that it is nothing is said of a recording that is compared with no other prediction."""
+    from highside.config.model import Model, load_model
+
+    if model is not None:
+        return load_model(model)
+    if alone:
+        echo("no --model: nothing is taken as known beside the sensor", err=True)
+    return Model()
+
+
 def _require_consistent(
     recording: Path | None,
-    model: Path | None,
     out: Path | None,
     summary: Path | None,
     simulation: Path | None,
@@ -205,9 +215,6 @@ def _require_consistent(
         )
     if align != "auto" and simulation is None:
         raise InputError("goes with --simulation alone", field="--align", remedy="give the other program's output too")
-    # what goes with an error table or another program's output needs no model: nothing is known then, beside the sensor
-    if model is None and simulation is None and summary is None:
-        raise InputError("is missing", field="--model", remedy="see highside diagnose --help")
     if out is None:
         raise InputError("is missing", field="--out", remedy="see highside diagnose --help")
     return out

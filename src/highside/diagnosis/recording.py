@@ -24,6 +24,7 @@ from highside.diagnosis.intake.long import check_stretches
 from highside.diagnosis.magnitude.outlying import too_few, without_outlying_readings
 from highside.diagnosis.magnitude.session import magnitude_session, nothing_testable
 from highside.diagnosis.poses.session import PoseSession, pose_session, without_outlying_poses
+from highside.diagnosis.rotation.unknown_site import without_site
 from highside.diagnosis.rows.session import rotation_session
 from highside.diagnosis.simulation.alignment import Align
 from highside.diagnosis.simulation.intake import check_prediction
@@ -119,6 +120,8 @@ def diagnose_columns(request: Request) -> Answer:
     answer = kind.diagnose(request)
     if not request.timed:
         answer = replace(answer, diagnosis=without_clock(answer.diagnosis), notes=(*answer.notes, WITHOUT_TIMES))
+    if np.isnan(request.site.latitude_rad) and "inc_ref_deg" in request.columns:
+        answer = replace(answer, diagnosis=without_site(answer.diagnosis, request.columns["inc_ref_deg"]))
     # another program's prediction holds effects of its own, not those of the model
     known = {} if request.predicted is not None else request.forward.parameters()
     known = {effect: values for effect, values in known.items() if any(values.values())}

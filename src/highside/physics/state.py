@@ -38,7 +38,7 @@ class ChainState:
     `direction` is +1 or -1, the side from which the toolface was approached; `pose` counts the stops of a stepped
     session (continuous motion is one pose: the bench does not stop anew); `row_seconds` is the averaging time of a row.
     `since_move_s` is the time since the bench stopped at the pose, in the middle of the `stay_s` seconds that a row
-    averages (0 for a single reading).
+    averages (0 for a single reading). `latitude_rad` is NaN where nobody said where the bench stands.
     """
 
     t_s: AnyArray

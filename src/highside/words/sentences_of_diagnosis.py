@@ -16,6 +16,7 @@ ANSWERS = (
     said_later("%(left)s rms are left out; they resemble %(effect)s, but %(law)s is ahead of it by %(nats)s nats"),
     said_later("every attitude is reached from one side, so it is a constant; or the side is not recorded"),
     said_later("the temperature does not change, or is not recorded"),
+    said_later("latitude and azimuth of the bench are not known"),
     said_later("the tool does not rotate while it is read"),
     said_later("the rotation is not sped up or slowed down"),
     said_later("vibration is not recorded, or there is none"),
@@ -85,6 +86,7 @@ ANSWERS = (
     said_later("hold some poses briefly and others long, and record every row of them"),
     said_later("measure at other inclinations than %(inc)s deg as well"),
     said_later("record the gyros too, while the tool rotates"),
+    said_later("say where the bench stands ([site] latitude_deg, azimuth_deg in the model)"),
     said_later(
         "in so many rows an error of the colour of the noise may pass for a random walk: diagnose parts of about a "
         "million rows each, and compare"

@@ -224,6 +224,8 @@ def what_lacks(effect: Effect, state: ChainState) -> str:
         "t_s": "the recording has no length",
     }
     lacking = [words[name] for name in effect.needs if name in words and np.ptp(getattr(state, name)) == 0.0]
+    if effect.known_size and np.isnan(state.latitude_rad):
+        return "latitude and azimuth of the bench are not known"
     if effect.stage is Stage.GYRO and not lacking:
         return "gyros are not recorded, or do not respond to it here"
     if lacking:

@@ -40,6 +40,8 @@ def _needing(entry: NotTestable, state: ChainState) -> NotTestable:
     effect = all_effects()[entry.effect]
     lacks = []
     turns = bool(np.any(state.rotor_rate_radps))
+    if effect.known_size and np.isnan(state.latitude_rad):
+        lacks.append("say where the bench stands ([site] latitude_deg, azimuth_deg in the model)")
     if one_sided(effect, state):
         lacks.append("turn in both senses" if turns else "approach the same poses from both sides")
     if "rotor_rate_radps" in effect.needs and not turns:

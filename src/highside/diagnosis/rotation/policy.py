@@ -182,6 +182,20 @@ class RotationSupportPolicy:
 ROTATION_SUPPORT = RotationSupportPolicy()
 
 
+@dataclass(frozen=True)
+class UnknownSitePolicy:
+    """Gyros that feel gravity beside the Earth's rotation of a bench of which nobody said where it stands."""
+
+    seen: float = 1e-3
+    """rad/s/g; what is less well known (one standard deviation) is not seen at this inclination. Source: the Earth does
+    7e-5; of one inclination that is not seen has 1e-2, the range of the effect."""
+    sigmas: float = 3.0
+    """Standard deviations by which it must exceed what the Earth can do. Source: 1 in 700 by chance, six are judged."""
+
+
+UNKNOWN_SITE = UnknownSitePolicy()
+
+
 ROTATION = ProblemPolicy(
     named_share=0.93,
     marginal=1.0,

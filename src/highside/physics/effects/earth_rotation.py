@@ -28,6 +28,9 @@ class EarthRotation(LinearEffect):
     depends_on_input = False
 
     def basis(self, state: ChainState, x: AnyArray) -> AnyArray:
+        if np.isnan(state.latitude_rad):
+            # where the bench stands is not known: nothing is said of its direction
+            return rotate_z(state.tf_rad, rotate_y(state.inc_rad, np.zeros((3, 1))))[None]
         level = EARTH_RATE_RADPS * np.cos(state.latitude_rad)
         lab = np.array(
             [
