@@ -108,7 +108,8 @@ class Diagnosis:
         """The model with the claimed effects at their fitted values; None where the verdict names nothing.
 
         Parameters of an effect that a claim says nothing of stay as the model has them. A value that is beyond its
-        plausible range by less than its error is kept, with `implausible = true`.
+        plausible range by less than its error is kept, with `implausible = true`. It is a model of the next recording:
+        a law of something that set in during this one acts from the start (`claims` say since when it acted here).
         """
         if self.verdict not in CONCLUSIVE:
             return None
@@ -119,7 +120,8 @@ class Diagnosis:
             if claim.law is None
         }
         made = self.before.with_effects(claimed, as_found=True) if claimed else self.before
-        return made.with_laws(laws_of(self.found)) if laws_of(self.found) else made
+        laws = [law.lasting() for law in laws_of(self.found)]
+        return made.with_laws(laws) if laws else made
 
     def model_toml(self) -> str | None:
         """The file of `model`, for `diagnose` and `predict` of the next recording; None where the verdict names

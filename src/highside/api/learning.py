@@ -37,7 +37,8 @@ def new_effect(
     path = Path(folder) / f"{effect_id}.py"
     if path.exists():
         raise InputError("is there already", where=str(path), remedy="give another id, or remove it")
-    found = Law.from_dict(claim["law"], where)
+    # an effect of other recordings: what set in during this one acts all the time there
+    found = Law.from_dict(claim["law"], where).lasting()
     known = [name for name in claim.get("resembles") or [] if name in all_effects()]
     words = Words(
         source=where or "a diagnosis",

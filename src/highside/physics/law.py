@@ -26,7 +26,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -134,6 +134,11 @@ class Axis:
             bool(self.functions) and all(f.kind in ("cos", "sin", "one") for f in self.functions)
         )
 
+    @property
+    def sets_in(self) -> bool:
+        """Whether it is nothing but a step in time."""
+        return self.covariate == "time" and [f.kind for f in self.functions] == ["step"]
+
     def basis(self, u: AnyArray) -> AnyArray:
         """(m, n) the functions at values (n,), tapered beyond the range."""
         span, (held, fall) = (self.low, self.high), self.held(u)
@@ -230,6 +235,17 @@ class Law:
         m = len(basis)
         own = np.asarray(self.covariance, dtype=float)[channel * m : (channel + 1) * m, channel * m : (channel + 1) * m]
         return np.asarray(np.sqrt(np.maximum(np.einsum("in,ij,jn->n", basis, own, basis), 0.0)))
+
+    @property
+    def sets_in_s(self) -> float | None:
+        """Since when in its session a law of something else acts, s; None of one that acts all the time."""
+        onsets = [axis.functions[0].numbers[0] for axis in self.axes if axis.sets_in]
+        return onsets[0] if onsets and len(self.axes) > len(onsets) else None
+
+    def lasting(self) -> Law:
+        """What it is after its session: a law of something else that set in at some time there acts all the time."""
+        kept = tuple(axis for axis in self.axes if not axis.sets_in)
+        return replace(self, axes=kept) if kept else self
 
     def inside(self, covariates: Sequence[AnyArray]) -> NDArray[np.bool_]:
         """(n,) whether all covariates are within what was visited."""

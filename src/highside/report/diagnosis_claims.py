@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 
 from highside.diagnosis.core.result import Claim, DiagnosisResult
 from highside.physics.covariates import covariate, parted
-from highside.physics.law import AGAIN
+from highside.physics.law import AGAIN, Law
 from highside.physics.places import PLACES
 from highside.report.diagnosis_words import effect_name, sizes, within_sentence
 from highside.words import _, from_to, said_later, told
@@ -70,8 +70,12 @@ def claim_title(claim: Claim) -> str:
 
 
 def law_words(claim: Claim) -> str:
-    """What a law does and follows."""
-    return _law_words(claim.place, claim.channels, claim.depends_on)
+    """What a law does and follows, and since when if it set in midway."""
+    law = None if claim.law is None else Law.from_dict(claim.law)
+    if law is None or law.sets_in_s is None:
+        return _law_words(claim.place, claim.channels, claim.depends_on)
+    words = _law_words(claim.place, claim.channels, law.lasting().depends_on)
+    return _("%(law)s, from %(at)s s on", law=words, at=f"{law.sets_in_s:.4g}")
 
 
 def title_of_any(name: str) -> str:

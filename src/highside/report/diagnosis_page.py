@@ -213,7 +213,7 @@ def _claim(page: Page, diagnosis: DiagnosisResult, claim: Claim, rows: ReportDat
         page.paragraph(_("Over the recording it changes the magnitude of gravity by %(size)s.", size=size))
     if is_law(claim) and claim.curve is not None and rows is not None:
         law = None if claim.law is None else Law.from_dict(claim.law)
-        pair = law is not None and len(law.axes) > 1
+        pair = law is not None and len(law.lasting().axes) > 1
         drawn = law_surface(law) if law is not None and pair else law_curve(claim.curve, covariate_label(claim))
         page.figure(drawn, _curve_caption(claim, pair=pair))
     if rows is not None:

@@ -311,7 +311,9 @@ def _claim(
     rivals = tuple(law.id if label == f"{PREFIX}{group.label}" else label for label in labels)
     own = found.gains[k]
     apart = [g for g in found.classes[k][1:] if not g.effect]
-    confirm = to_vary(group.depends_on, {name for g in apart for name in g.depends_on})
+    # what set in stays, as far as one session tells: another need not vary its own time
+    rivals_follow = {name for g in apart for name in g.depends_on} - set(law.depends_on)
+    confirm = to_vary(law.lasting().depends_on, rivals_follow)
     words = " and ".join(covariate(name).title for name in group.depends_on)
     formula = closed.text if closed is not None else None
     rms, rms_std = size_beside_free(white, effect, group.channels)
@@ -376,12 +378,12 @@ def size_beside_free(white: Whitened, effect: Array, channels: tuple[int, ...]) 
 
 
 def curve_of(found: Found, group: LawGroup, law: Law) -> Curve:
-    """The law of its first channel over its first covariate, the second at its median."""
+    """The law of its first channel over its first covariate, the second at its median, or where it has set in."""
     axis = law.axes[0]
     grid = np.linspace(axis.low, axis.high, LAW_REPORT.grid)
     at = [grid]
     for other in law.axes[1:]:
         middle = float(np.median(values_of(found.problem, other.covariate, group.units[0])))
-        at.append(np.full(grid.size, middle))
+        at.append(np.full(grid.size, other.high if other.sets_in else middle))
     value, std = law.value(at), law.std(at)
     return Curve(tuple(map(float, grid)), tuple(map(float, value)), tuple(map(float, std)), PLACES[law.place].unit)

@@ -263,7 +263,7 @@ class Whitened:
         """Mean (K,) and covariance (K, K) of the coefficients of all that is free and of the terms."""
         columns, prior = self.columns(terms)
         flat = flattened(columns)
-        inverse = _inverse(flat @ flat.T, prior)
+        inverse = inverse_of(flat @ flat.T, prior)
         return inverse @ (flat @ self.residual.reshape(-1)), inverse
 
     def left_of(self, terms: list[LawTerm], which: Sequence[int]) -> tuple[Array, Array]:
@@ -305,7 +305,7 @@ class Whitened:
         beside = [white.free, *(white.columns_of(term.group) for term in terms)]
         columns, prior = np.concatenate(beside), prior_of(self.families.problem, terms)
         flat = flattened(columns)
-        inverse = _inverse(flat @ flat.T, prior)
+        inverse = inverse_of(flat @ flat.T, prior)
         coefficients = inverse @ (flat @ self.residual.reshape(-1))
         groups = self.families.groups
         gains = np.full(len(groups), -np.inf)
@@ -314,9 +314,9 @@ class Whitened:
         for part, across, projections in white.beside(terms, self._raw):
             remaining = part.gram - across @ inverse @ across.transpose(0, 2, 1)
             parts.append(part)
-            left.append(_shown(part.gram, remaining, projections - across @ coefficients))
+            left.append(shown_of(part.gram, remaining, projections - across @ coefficients))
         # no prior gains more than the best fit does: what cannot come near the best is not looked at
-        bounds = [_bound(*one) - part.family.tries for one, part in zip(left, parts, strict=True)]
+        bounds = [bound_of(*one) - part.family.tries for one, part in zip(left, parts, strict=True)]
         barred = self.families.barred
         for bound, part in zip(bounds, parts, strict=True):
             bound[[i in barred for i in part.family.members]] = -np.inf
@@ -344,7 +344,7 @@ class Whitened:
         return gains, priors
 
 
-def _shown(before: Array, gram: Array, drive: Array) -> tuple[Array, Array]:
+def shown_of(before: Array, gram: Array, drive: Array) -> tuple[Array, Array]:
     """What the terms leave of the groups, without the functions they take whole: what is left of those is rounding, and
     may be negative."""
     power = np.diagonal(gram, axis1=1, axis2=2)
@@ -354,7 +354,7 @@ def _shown(before: Array, gram: Array, drive: Array) -> tuple[Array, Array]:
     return gram * (shown[:, :, None] & shown[:, None, :]), drive * shown
 
 
-def _bound(gram: Array, drive: Array) -> Array:
+def bound_of(gram: Array, drive: Array) -> Array:
     """(G,) nats that a best fit without any prior gains."""
     power = np.diagonal(gram, axis1=1, axis2=2)
     # what is free anyway leaves nothing of some functions
@@ -443,7 +443,7 @@ def prior_of(problem: LawProblem, terms: list[LawTerm]) -> Array:
     return np.concatenate([np.zeros(len(problem.free)), *(term.precision for term in terms)])
 
 
-def _inverse(gram: Array, prior: Array) -> Array:
+def inverse_of(gram: Array, prior: Array) -> Array:
     whole = gram + np.diag(prior)
     size = np.sqrt(np.maximum(np.diag(whole), 1e-300))
     unit = whole / size[:, None] / size[None] + 1e-12 * np.eye(prior.size)

@@ -11,16 +11,17 @@ import numpy as np
 
 from highside.arrays import Array
 from highside.diagnosis.core.regression import flattened
+from highside.diagnosis.laws.classes import class_of
 from highside.diagnosis.laws.edges import several_edges
 from highside.diagnosis.laws.effects import EffectGroup
 from highside.diagnosis.laws.evidence import Families, LawTerm, Prior, Whitened, raw_columns
-from highside.diagnosis.laws.groups import LawGroup, confounded, groups_of, one_quantity, same_angle, values_of
+from highside.diagnosis.laws.groups import LawGroup, groups_of
 from highside.diagnosis.laws.learning import NoiseLearner
 from highside.diagnosis.laws.noise import LawNoise, Whitener
+from highside.diagnosis.laws.onsets import Onsets, begun
 from highside.diagnosis.laws.policy import LAW_SEARCH
 from highside.diagnosis.laws.problem import LawProblem
 from highside.diagnosis.laws.variants import as_simple, variants_of
-from highside.physics.law import Axis
 
 
 @dataclass(frozen=True)
@@ -143,7 +144,9 @@ class Search:
         if two.worth >= one.worth and _which(two.terms) != _which(one.terms):
             two = self._proved(self._grown(self._proved(two), relearn=True))
             one = max((one, two), key=lambda s: s.worth)
-        return self._found(self._from_edges(one) if self.problem.every_pair and one.noise.remembers else one)
+        if self.problem.every_pair and one.noise.remembers:
+            one = self._from_edges(one)
+        return self._found(self._from_onsets(one) if self.problem.every_pair and self._variants else one)
 
     def _from_edges(self, best: _State) -> _State:
         """What was found, its noise taking something slow, or edges that do better, and what goes with them."""
@@ -165,6 +168,27 @@ class Search:
         self.families = self.families.of(self.groups, self.families.barred)
         return max((first, self._proved(self._grown(self._proved(best), relearn=True))), key=lambda s: s.worth)
 
+    def _from_onsets(self, first: _State) -> _State:
+        """What was found, or what begins with a law that sets in midway and does better."""
+        floor = LawNoise.floor_alone(self.problem)
+        best, groups = first, list[LawGroup]()
+        for noise in (floor, *([] if first.noise.remembers else [first.noise])):
+            state = _State([], noise, -np.inf, first.residual)
+            onsets = Onsets(self.problem, Whitener(self.problem, noise), first.residual)
+            if not onsets.knots.size:
+                return first
+            for terms, others in begun(onsets, self._whitened(state), self.groups):
+                state = self._learn(terms, self.problem.residual)
+                if _less_tries(state) > _less_tries(best):
+                    best, groups = state, [t.group for t in terms] + others
+        if best is first:
+            return first
+        self._tried.update(t.group for t in best.terms)
+        self.groups = [*self.groups, *(g for g in dict.fromkeys(groups) if g not in self.groups)]
+        self.families = self.families.of(self.groups)
+        made = self._proved(self._grown(self._proved(best), relearn=True))
+        return max((first, made), key=_less_tries)
+
     def beside(self, fixed: Sequence[LawGroup], terms: Sequence[LawTerm]) -> Found:
         """These groups and the laws of another search; of them stays what is worth it, with the noise learnt again."""
         kept = [t.group for t in terms if not t.group.effect]
@@ -184,9 +208,12 @@ class Search:
         return self._found(self._proved(state))
 
     def _like(self, group: LawGroup) -> LawGroup:
-        """The group of this search that is the one of another, of the same label and functions; itself if none is."""
+        """The group of this search that is the one of another, of the same label and functions; if none is, the same
+        functions in the places of this one."""
         alike = (own for own in self.groups if own.label == group.label and own.axes == group.axes)
-        return next(alike, group)
+        places = {(place.place, place.channel): place for place in self.problem.places}
+        here = replace(group, units=tuple(places.get((unit.place, unit.channel), unit) for unit in group.units))
+        return next(alike, here)
 
     # -- steps
 
@@ -366,7 +393,7 @@ class Search:
         classes = []
         for k in range(len(terms)):
             gains, _ = white.scores([t for i, t in enumerate(terms) if i != k])
-            classes.append(self._class(white, terms, k, gains))
+            classes.append(class_of(self.problem, self.groups, white, terms, k, gains))
         own_gains = tuple(costs[k] for k in order)
         return Found(
             self.problem,
@@ -379,59 +406,10 @@ class Search:
             self.families,
         )
 
-    def _class(self, white: Whitened, terms: list[LawTerm], k: int, gains: Array) -> tuple[LawGroup, ...]:
-        """Groups of which this session cannot tell one from another, one of each kind."""
-        own = terms[k].group
-        does = white.left_of(terms, [k])
-        best = float(gains.max())
-        found: list[LawGroup] = [own, *self._twins(own)]
-        for i in np.argsort(-gains):
-            group = self.groups[int(i)]
-            behind = best - float(gains[i])
-            if behind > LAW_SEARCH.same_confounded or len(found) >= LAW_SEARCH.most_class:
-                break
-            if any(group.kind == g.kind for g in found):
-                continue
-            if behind <= LAW_SEARCH.same or self._confounded(own, group) or white.reproduces(does, group):
-                found.append(group)
-        return tuple(found)
 
-    def _twins(self, own: LawGroup) -> list[LawGroup]:
-        """The same functions in a place of which one unit does the same: it is not tried by itself."""
-        if own.effect or len(own.units) != 1:
-            return []
-        places = [p for p in self.problem.places if same_angle(own.units[0], p)]
-        twins = [replace(own, units=(place,)) for place in places]
-        return twins + [replace(own, axes=axes) for axes in self._same_quantities(own)]
-
-    def _same_quantities(self, own: LawGroup) -> list[tuple[Axis, ...]]:
-        """The axes of a law with another covariate that is one quantity with its own in this session, as the load along
-        the tool is with the inclination: a function of the one is a function of the other, and may not be tried."""
-        made, unit = [], own.units[0]
-        for k, axis in enumerate(own.axes):
-            values = values_of(self.problem, axis.covariate, unit)
-            for name, every in self.problem.covariates.items():
-                if name in own.depends_on or (every.ndim == 2 and unit.own < 0):
-                    continue
-                other = values_of(self.problem, name, unit)
-                if one_quantity(values, other, LAW_SEARCH.one_quantity):
-                    renamed = replace(axis, covariate=name, low=float(other.min()), high=float(other.max()))
-                    made.append((*own.axes[:k], renamed, *own.axes[k + 1 :]))
-        return made
-
-    def _confounded(self, one: LawGroup, other: LawGroup) -> bool:
-        """Whether what sets two groups apart are covariates of which one is a function of the other here."""
-        if one.effect or other.effect:
-            return False
-        mine = [name for name in one.depends_on if name not in other.depends_on]
-        its = [name for name in other.depends_on if name not in one.depends_on]
-        if one.place != other.place or len(mine) != len(its) or not mine:
-            return False
-        known, first, second = self.problem, one.units[0], other.units[0]
-        return all(
-            confounded(values_of(known, a, first), values_of(known, b, second), LAW_SEARCH.function)
-            for a, b in zip(mine, its, strict=True)
-        )
+def _less_tries(state: _State) -> float:
+    """What a state is worth less the logarithm of how many like its laws are tried: onsets are many."""
+    return state.worth - sum(float(np.log(t.group.tries)) for t in state.terms)
 
 
 def _which(terms: list[LawTerm]) -> set[int]:

@@ -1,0 +1,75 @@
+"""The class of a law: groups that this session cannot tell from it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from highside.arrays import Array
+from highside.diagnosis.laws.evidence import LawTerm, Whitened
+from highside.diagnosis.laws.groups import LawGroup, confounded, one_quantity, same_angle, values_of
+from highside.diagnosis.laws.policy import LAW_SEARCH
+from highside.diagnosis.laws.problem import LawProblem
+from highside.physics.law import Axis
+
+
+def class_of(
+    problem: LawProblem, groups: Sequence[LawGroup], white: Whitened, terms: list[LawTerm], k: int, gains: Array
+) -> tuple[LawGroup, ...]:
+    """Groups of which this session cannot tell one from another, one of each kind."""
+    own = terms[k].group
+    does = white.left_of(terms, [k])
+    best = float(gains.max())
+    found: list[LawGroup] = [own, *_twins(problem, own)]
+    for i in np.argsort(-gains):
+        group = groups[int(i)]
+        behind = best - float(gains[i])
+        if behind > LAW_SEARCH.same_confounded or len(found) >= LAW_SEARCH.most_class:
+            break
+        if any(group.kind == g.kind for g in found):
+            continue
+        if behind <= LAW_SEARCH.same or _confounded(problem, own, group) or white.reproduces(does, group):
+            found.append(group)
+    return tuple(found)
+
+
+def _twins(problem: LawProblem, own: LawGroup) -> list[LawGroup]:
+    """The same functions in a place of which one unit does the same: it is not tried by itself."""
+    if own.effect or len(own.units) != 1:
+        return []
+    places = [p for p in problem.places if same_angle(own.units[0], p)]
+    twins = [replace(own, units=(place,)) for place in places]
+    return twins + [replace(own, axes=axes) for axes in _same_quantities(problem, own)]
+
+
+def _same_quantities(problem: LawProblem, own: LawGroup) -> list[tuple[Axis, ...]]:
+    """The axes of a law with another covariate that is one quantity with its own in this session, as the load along
+    the tool is with the inclination: a function of the one is a function of the other, and may not be tried."""
+    made, unit = [], own.units[0]
+    for k, axis in enumerate(own.axes):
+        values = values_of(problem, axis.covariate, unit)
+        for name, every in problem.covariates.items():
+            if name in own.depends_on or (every.ndim == 2 and unit.own < 0):
+                continue
+            other = values_of(problem, name, unit)
+            if one_quantity(values, other, LAW_SEARCH.one_quantity):
+                renamed = replace(axis, covariate=name, low=float(other.min()), high=float(other.max()))
+                made.append((*own.axes[:k], renamed, *own.axes[k + 1 :]))
+    return made
+
+
+def _confounded(problem: LawProblem, one: LawGroup, other: LawGroup) -> bool:
+    """Whether what sets two groups apart are covariates of which one is a function of the other here."""
+    if one.effect or other.effect:
+        return False
+    mine = [name for name in one.depends_on if name not in other.depends_on]
+    its = [name for name in other.depends_on if name not in one.depends_on]
+    if one.place != other.place or len(mine) != len(its) or not mine:
+        return False
+    first, second = one.units[0], other.units[0]
+    return all(
+        confounded(values_of(problem, a, first), values_of(problem, b, second), LAW_SEARCH.function)
+        for a, b in zip(mine, its, strict=True)
+    )

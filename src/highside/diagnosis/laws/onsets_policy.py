@@ -1,0 +1,25 @@
+"""The numbers that decide for laws that set in midway.
+
+Each stands with its unit, its meaning and what set it. They are no settings for users.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class OnsetsPolicy:
+    """Laws that act from some time of a session on."""
+
+    most: int = 4
+    """Laws of one start, at most. Source: as `LawSearchPolicy.most_first`."""
+    values: int = 8
+    """Values on either side of an onset, at least. Source: of 13 poses, 8 of them after the onset, curves of the
+    toolface and of the load on either axis were within 12 nats of each other, and none was right (law/618 of the open
+    world of seed onset-tune-1)."""
+    rounds: int = 2
+    """Rounds in which each is put where it does best beside the others. Source: as `LawSearchPolicy.rounds`."""
+
+
+ONSETS = OnsetsPolicy()
