@@ -5,6 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from highside.api.diagnosis import Diagnosis
+from highside.config.model import Model
+from highside.diagnosis.core.result import Claim, DiagnosisResult
 from highside.diagnosis.laws.evidence import Families, LawTerm, Prior, Whitened
 from highside.diagnosis.laws.groups import LawGroup, groups_of
 from highside.diagnosis.laws.noise import LawNoise, Whitener
@@ -13,6 +16,7 @@ from highside.diagnosis.laws.problem import LawProblem
 from highside.diagnosis.laws.search import Search
 from highside.physics.law import Axis, Function, Law
 from highside.physics.state import ChainState
+from highside.report.diagnosis_claims import law_words
 from tests.unit.test_laws_variants import PLAIN, inclination_error, problem_of, session
 
 STATE = session(21, 40)
@@ -92,5 +96,10 @@ def test_a_law_that_set_in_acts_all_the_time_in_the_next_session() -> None:
     assert law.value([temp, time])[0] == 0.0
     assert law.lasting().depends_on == ("temp",)
     assert law.lasting().value([temp]) == pytest.approx([law.value([temp, time])[1]] * 2)
+    claim = Claim(law.id, "", None, "", {}, 1e-9, (law.id,), (), "", law=law.to_dict(), place="offset")
+    told = replace(claim, channels=("ax",), depends_on=law.depends_on)
+    next_one = Diagnosis(DiagnosisResult("law", claims=(told,)), None, Model(), "rec.csv").model()
+    assert next_one is not None and next_one.known_laws == (law.lasting(),)
+    assert law_words(told) == "an offset of ax that follows temperature, from 60 s on"
     alone = replace(law, axes=(step,), coefficients=((1.0,),))
     assert alone.lasting() is alone and alone.sets_in_s is None

@@ -90,6 +90,14 @@ def rows() -> ChainState:
     return ChainState(**{**vars(state), "extra": {"mud bar": 3.0 * k}})
 
 
+def test_what_set_in_midway_is_an_effect_all_the_time(tmp_path: Path) -> None:
+    step = {"covariate": "time", "low": 0.0, "high": 900.0, "functions": [["step", 400.0]]}
+    late = {**CURVE, "axes": [*CURVE["axes"], step]}
+    effect = effect_of_file(new_effect(answer(late), "late_one", tmp_path))
+    assert isinstance(effect, LearntEffect)
+    assert effect.depends_on == tuple(axis["covariate"] for axis in CURVE["axes"])
+
+
 @pytest.mark.parametrize("law", LAWS, ids=lambda law: law["slug"])
 def test_the_file_does_what_the_law_did(law: dict[str, Any], tmp_path: Path) -> None:
     path = new_effect(answer(law), "learnt_one", tmp_path / "mine")

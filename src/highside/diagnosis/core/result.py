@@ -113,7 +113,7 @@ class Claim:
     confirm: str = ""
     """what another session must vary to confirm or refute it"""
     law: dict[str, Any] | None = None
-    """the law itself in plain values (`physics.law`), as the model file has it"""
+    """the law itself in plain values (`physics.law`), as the model file has it; of one that set in midway since when"""
     rms: float | None = None
     """what the law adds to the readings of its channels, rms in their unit, less what bias, scale and all else that is
     free takes of it"""
