@@ -1,7 +1,7 @@
 """Run `highside diagnose`, and `highside predict` on the second session, over cases of the open world.
 
     python -m studies.open_world.score [--seed HASH] [--engine COMMIT] [--groups law,null,...] [--every N]
-                        [--only PREFIX] [--design poses|rotation] [--minutes M] [--rivals] [--keep FOLDER]
+                        [--only PREFIX] [--laws N] [--design poses|rotation] [--minutes M] [--rivals] [--keep FOLDER]
                         [--out FOLDER]
 
 Without --seed the deck is that of the commit that froze the engine and the package as it was at that commit answers;
@@ -42,11 +42,11 @@ GROUPS = ("law", "null", "known", "sweep", "table", "hand", "beside", "real")
 CHANNELS = ("ax_g", "ay_g", "az_g", "gx_dps", "gy_dps", "gz_dps")
 
 
-def every_case(seed: str, groups: tuple[str, ...] = GROUPS) -> Makers:
-    """Makers of all cases of some groups."""
+def every_case(seed: str, groups: tuple[str, ...] = GROUPS, laws: int = deck.Size.laws) -> Makers:
+    """Makers of all cases of some groups; so many laws."""
     found: Makers = {}
     if {"law", "null", "known", "sweep"} & set(groups):
-        found |= deck.cases(seed, deck.Size())
+        found |= deck.cases(seed, deck.Size(laws=laws))
     if "table" in groups:
         found |= section_one.cases(seed)
     if "hand" in groups:
@@ -193,6 +193,7 @@ def main() -> None:
     parser.add_argument("--seed", help="of the deck; the commit that froze the engine where absent")
     parser.add_argument("--engine", help="commit whose package answers, where it is not that of the seed")
     parser.add_argument("--groups", default=",".join(GROUPS))
+    parser.add_argument("--laws", type=int, default=deck.Size.laws, help="cases of laws in the deck")
     parser.add_argument("--every", type=int, default=1, help="one case of so many, in the order of answering")
     parser.add_argument("--only", default="", help="cases whose name begins so, or so: separated by commas")
     parser.add_argument("--design", choices=deck.KINDS, help="of laws, nulls, known effects and sweeps: these alone")
@@ -206,7 +207,7 @@ def main() -> None:
     given = parser.parse_args()
     seed = given.seed or frozen_seed()
     engine = given.engine or (seed if re.fullmatch("[0-9a-f]{40}", seed) else None)
-    makers = every_case(seed, tuple(given.groups.split(",")))
+    makers = every_case(seed, tuple(given.groups.split(",")), given.laws)
     asked = [name for name in makers if name.startswith(tuple(given.only.split(",")))]
     if given.design:
         asked = [name for name in asked if deck.kind_of(name) == given.design]

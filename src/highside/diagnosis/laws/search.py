@@ -185,7 +185,7 @@ class Search:
             return first
         self._tried.update(t.group for t in best.terms)
         self.groups = [*self.groups, *(g for g in dict.fromkeys(groups) if g not in self.groups)]
-        self.families = self.families.of(self.groups)
+        self.families = self.families.of(self.groups, self.families.barred)
         made = self._proved(self._grown(self._proved(best), relearn=True))
         return max((first, made), key=_less_tries)
 
