@@ -40,6 +40,11 @@ class Alignment:
         """(N,) how much later the recording shows what the prediction shows, at these of its times from the first."""
         return np.asarray(self.lag_s + self.rate * (t_s - t_s[:1]))
 
+    def in_time(self, names: Sequence[str]) -> int:
+        """Which of the channels tells the clock: that of the middle lag of all."""
+        lags = np.array([dict(self.lags_s).get(name, self.lag_s) for name in names])
+        return int(np.argsort(lags, kind="stable")[(lags.size - 1) // 2])
+
 
 def align(
     t_s: Array, measured: Mapping[str, Array], t_sim_s: Array, predicted: Mapping[str, Array], how: Align = "auto"

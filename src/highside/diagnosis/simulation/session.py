@@ -162,14 +162,8 @@ class SimulationSession(RotationSession):
             self.slope,
             self.predicted_later,
             self.risen,
-            self.in_time,
+            self.alignment.in_time(self.names),
         )
-
-    @cached_property
-    def in_time(self) -> int:
-        """The channel by which the clock is told: that of the middle lag of all."""
-        lags_s = np.array([dict(self.alignment.lags_s).get(name, self.alignment.lag_s) for name in self.names])
-        return int(np.argsort(lags_s, kind="stable")[(lags_s.size - 1) // 2])
 
     def risen(self, since_s: float) -> Array:
         """(n,) what a unit step of the recording becomes on the grid, so many seconds after its first row."""

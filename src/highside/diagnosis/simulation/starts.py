@@ -26,13 +26,13 @@ def measured_start(session: SimulationSession) -> About:
 
     lags_s = dict(a.lags_s)
     apart = any(far(lag_s - a.lag_s) for lag_s in lags_s.values())
-    lag_s = lags_s[session.names[session.in_time]] if apart else a.lag_s
+    lag_s = lags_s[session.names[a.in_time(session.names)]] if apart else a.lag_s
     start: dict[str, tuple[float, ...]] = {}
     if far(a.rate * float(session.elapsed_s[-1])):
         start[SKEW] = (a.rate,)
     if far(lag_s):
         start[OFFSET] = (lag_s,)
-    others = [name for c, name in enumerate(session.names) if c != session.in_time]
+    others = [name for c, name in enumerate(session.names) if c != a.in_time(session.names)]
     own_s = tuple(lags_s[name] - lag_s if name in lags_s and far(lags_s[name] - lag_s) else 0.0 for name in others)
     if apart and any(own_s):
         start[LATE_CHANNEL.id] = own_s
