@@ -213,7 +213,7 @@ def test_words_of_any_length_never_run_over_a_sheet(tmp_path: Path, seed: int) -
 
 
 def test_the_certificate_as_pdf(records: Path, project_root: Path) -> None:
-    path = records / "full.pdf"
+    path = records / "by-command.pdf"
     done = highside(
         "calibrate", "certificate", records / "2.json", "--fields", project_root / "config/certificate.toml",
         "--previous", records / "1.json", "-o", path,

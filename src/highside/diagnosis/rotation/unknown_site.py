@@ -14,11 +14,12 @@ from highside.arrays import AnyArray
 from highside.diagnosis.core.result import Claim, DiagnosisResult
 from highside.diagnosis.rotation.policy import UNKNOWN_SITE
 from highside.long_arrays import is_long
+from highside.physics.effects.earth_rotation import EFFECT as EARTH
+from highside.physics.effects.gyro_g_sensitivity import EFFECT as ALIKE
 from highside.physics.gravity import EARTH_RATE_RADPS
 
 __all__ = ["without_site"]
 
-EARTH, ALIKE = "earth_rotation", "gyro_g_sensitivity"
 SPLITTER = "say where the bench stands ([site] latitude_deg, azimuth_deg in the model)"
 
 
@@ -32,11 +33,11 @@ def without_site(diagnosis: DiagnosisResult, inc_deg: AnyArray) -> DiagnosisResu
 
 def _could_be_earth(claim: Claim, across_g: float) -> bool:
     """Whether it is no larger than what the Earth's rotation can be; `across_g`: the largest load across the axis."""
-    if claim.effect != ALIKE:
+    if claim.effect != ALIKE.id:
         return False
     seen = [one for one in claim.parameters.values() if one.std < UNKNOWN_SITE.seen]
     return all((abs(one.value) - UNKNOWN_SITE.sigmas * one.std) * across_g <= EARTH_RATE_RADPS for one in seen)
 
 
 def _beside_earth(claim: Claim) -> Claim:
-    return replace(claim, equivalence_class=(*claim.equivalence_class, EARTH), next_manoeuvre=SPLITTER)
+    return replace(claim, equivalence_class=(*claim.equivalence_class, EARTH.id), next_manoeuvre=SPLITTER)
