@@ -138,14 +138,18 @@ def visited(first: Session, second: Session, hidden: tuple[Law, ...]) -> np.ndar
     return inside
 
 
+def drawn_count(rng: np.random.Generator) -> tuple[int, bool]:
+    """How many laws act at a time, and whether one sets in midway: the first that is drawn of a case."""
+    return int(rng.choice([1, 2, 3, 4], p=[0.6, 0.25, 0.1, 0.05])), bool(rng.random() < 0.1)
+
+
 def law_case(name: str, seed: str, k: int) -> Case:
     """One to four laws; designs and noises by turns, everything else drawn."""
     rng = rng_of(seed, name)
     kind = KINDS[k % 2]
     # half white, so that both bars have their cases
     noise_kind = "white" if k % 4 < 2 else noises.KINDS[1 + (k // 4) % (len(noises.KINDS) - 1)]
-    count = int(rng.choice([1, 2, 3, 4], p=[0.6, 0.25, 0.1, 0.05]))
-    onset = bool(rng.random() < 0.1)
+    count, onset = drawn_count(rng)
     repeats = bool(rng.random() < 0.85)
     while True:
         s = _session(rng, kind)
