@@ -317,12 +317,15 @@ def test_what_a_store_took_back_or_is_not_this_tools_is_not_kept(tmp_path):
     assert (plain.correction.cal_id, plain.flags) == ("none", ())
 
 
-def test_a_store_in_which_nothing_was_ever_put_in_force_is_no_refusal(tmp_path):
+def test_a_store_in_which_nothing_was_ever_put_in_force_is_no_refusal(tmp_path, caplog):
     (tmp_path / "store").mkdir()
     found = calibration_for(settings(store=str(tmp_path / "store")), known())
     assert found.flags == ("no_calibration",)
     assert found.reason is RecordReason.NONE_ACTIVE
     assert found.as_dict()["reason"] == "none_active"
+    (told,) = caplog.records
+    assert told.levelname == "WARNING" and "has no calibration in force" in told.getMessage()
+    assert not any("refused" in text for text in (told.getMessage(), found.refused))
 
 
 @pytest.mark.timeout(120)

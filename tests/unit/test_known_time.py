@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 
 import pytest
 
 from highside.service.clock import Moment
+from highside.service.clock_watch import ClockWatch
 from highside.service.known_time import BELIEVED_AFTER_S, FILE, KEPT_EVERY_S, KnownTime, Present
 
 T0, DAY = 1_790_000_000.0, 86_400.0
@@ -110,3 +112,11 @@ def test_a_place_that_cannot_be_written_ends_nothing(tmp_path: Path) -> None:
     known.look(moment(0.0))
     known.keep()
     assert known.present(moment(1.0)).known
+
+
+def test_a_clock_that_was_set_while_the_start_waited_was_set(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    watch, real = ClockWatch(tmp_path), time.time
+    monkeypatch.setattr(time, "time", lambda: real() - DAY)
+    step_s = watch.steps.look()
+    assert step_s is not None and abs(step_s + DAY) < 1.0
+    assert watch.steps.alarm

@@ -27,6 +27,8 @@ class ClockWatch:
         self.synced = clock_synced()
         """whether the wall clock followed a reference when last checked"""
         self.steps = StepWatch()
+        # a start may wait for its link: a clock that is set meanwhile was set, too
+        self.steps.look()
         self._known = KnownTime(directory)
 
     def present(self) -> Present:

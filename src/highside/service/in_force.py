@@ -120,9 +120,10 @@ def calibration_for(
     if running is not None and _may_stay(running, settings):
         _say(settings, "the calibration in force (%s) is kept: %s", running.correction.cal_id[:12], refused)
         return replace(running, refused=refused, reason=reason, kept=True)
-    none = CalibrationInForce(_uncalibrated(settings), refused=refused, reason=reason)
-    _say(settings, "%s; readings pass uncorrected", refused)
-    return none
+    # a store in which nothing was put in force refuses nothing
+    level = logging.WARNING if reason is RecordReason.NONE_ACTIVE else logging.ERROR
+    _say(settings, "%s; readings pass uncorrected", refused, level=level)
+    return CalibrationInForce(_uncalibrated(settings), refused=refused, reason=reason)
 
 
 def rotation_for(settings: Settings, running: CompensationInForce | None = None) -> CompensationInForce:
@@ -160,6 +161,8 @@ def compensation_of(settings: Settings) -> LiveCompensation | None:
 
 def error_text(error: BaseException) -> str:
     """An error in one line: as it was made for the user's eyes, else with its kind."""
+    if isinstance(error, RecordError) and error.reason is RecordReason.NONE_ACTIVE:
+        return error.text
     if isinstance(error, HighsideError):
         return str(error)
     return f"{type(error).__name__}: {' '.join(str(error).split())[:300]}"
