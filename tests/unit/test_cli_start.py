@@ -86,6 +86,14 @@ def test_a_diagnosis_without_a_page_loads_what_it_works_with_and_no_more(tmp_pat
     assert sum(name.startswith("highside.") for name in loaded) < 310
 
 
+def test_a_chart_for_the_screen_is_written_without_the_python_of_what_draws_it() -> None:
+    program = (
+        "import numpy as np; from highside.shown import Plot, PlotLine, PlotPanel\n"
+        "x = np.arange(3.0); assert 'Bokeh' in Plot('', (PlotPanel(x, (PlotLine('y', x),)),)).html()"
+    )
+    assert not {name for name in modules_of(program) if name.split(".")[0] in ("bokeh", "tornado", "matplotlib")}
+
+
 def test_the_public_names_are_loaded_one_by_one() -> None:
     loaded = modules_of("import highside; highside.read; highside.diagnose")
     others = ("certificate", "confirmation", "gyro", "learning", "rotation", "simulation", "turntable")

@@ -19,7 +19,7 @@ from highside.physics.covariates import covariate as covariate_of
 from highside.physics.gravity import gravity_direction
 from highside.physics.law import Law
 from highside.report.diagnosis_words import axis_title, scale_of
-from highside.report.plots import new_figure
+from highside.report.plots import logarithmic, new_figure
 from highside.words import _, said_later, told
 
 if TYPE_CHECKING:
@@ -128,7 +128,8 @@ def over_time(report_data: ReportData) -> Figure:
                 color=colour,
                 markersize=3,
             )
-        whole.set(yscale="log", ylabel=_("rms, sigma"), xlabel=_("time, s (whole recording)"))
+        logarithmic(whole)
+        whole.set(ylabel=_("rms, sigma"), xlabel=_("time, s (whole recording)"))
     handles, labels = axes[0][0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper center", ncols=3)
     return figure

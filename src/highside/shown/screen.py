@@ -7,7 +7,8 @@ import gzip
 import io
 from functools import cache
 from importlib.util import find_spec
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from markupsafe import Markup
@@ -16,9 +17,6 @@ from highside.errors import InputError
 from highside.shown.card import templates
 from highside.shown.panel import Chart, PlotLine, PlotPanel, thinned
 from highside.shown.paper import figure_of
-
-if TYPE_CHECKING:
-    from bokeh.plotting import figure
 
 __all__ = ["can_draw", "chart_part", "frame_of", "library_part", "page_of"]
 
@@ -31,6 +29,8 @@ INK, GRID = "#6b7680", "#808890"
 COLOURS = ("#2f7fd1", "#d9822b", "#2c9a62", "#a05bc0", "#c0504d", "#7a7a30", "#3aa5a5", "#888888", "#d16fa5")
 MOST_HOVERED = 1500
 """points of a line beyond which a hover needs no point of its own: the nearest in x is shown"""
+LIBRARY = ("bokeh.min.js", "bokeh-api.min.js")
+"""BokehJS, and its public interface"""
 INSTALL = "pip install 'highside[notebook]'"
 
 
@@ -77,12 +77,14 @@ def _macros() -> Any:
 
 @cache
 def _library() -> Markup:
-    """BokehJS, zipped, in letters: a third of its size in a page."""
+    """BokehJS, zipped, in letters: a third of its size in a page. Raises InputError where it is not installed."""
     _need_bokeh()
-    from bokeh.resources import Resources
-
-    script = "\n".join(Resources(mode="inline", components=["bokeh"], minified=True).js_raw)
-    return Markup(base64.b64encode(gzip.compress(script.encode(), 9, mtime=0)).decode())
+    found = find_spec("bokeh")
+    assert found is not None
+    assert found.origin is not None
+    folder = Path(found.origin).parent / "server" / "static" / "js"
+    script = b"\n".join((folder / name).read_bytes() for name in LIBRARY)
+    return Markup(base64.b64encode(gzip.compress(script, 9, mtime=0)).decode())
 
 
 def _need_bokeh() -> None:
@@ -90,94 +92,35 @@ def _need_bokeh() -> None:
         raise InputError("a chart with zoom and hover needs Bokeh, which is not installed", remedy=INSTALL)
 
 
-def _item(chart: Chart) -> Any:
-    """What BokehJS draws, as JSON."""
+def _item(chart: Chart) -> dict[str, Any]:
+    """What `templates/chart.js` draws. Bokeh's own Python is not loaded for it: that takes a second."""
     _need_bokeh()
-    from bokeh.embed import json_item
-    from bokeh.layouts import gridplot
-
-    shared: dict[str, Any] = {}
-    drawn: list[figure] = []
-    for panel in chart.panels:
-        one = _figure(thinned(panel), shared.get(panel.x_label))
-        if panel.x_label and not panel.names:
-            shared.setdefault(panel.x_label, one.x_range)
-        drawn.append(one)
-    return json_item(gridplot([[one] for one in drawn], sizing_mode="stretch_width", toolbar_location="right"))
+    return {"colours": {"ink": INK, "grid": GRID}, "panels": [_panel(thinned(panel)) for panel in chart.panels]}
 
 
-def _figure(panel: PlotPanel, x_range: Any) -> figure:
-    from bokeh.models import HoverTool
-    from bokeh.plotting import ColumnDataSource, figure
-
-    made = figure(
-        height=PANEL_PX,
-        sizing_mode="stretch_width",
-        tools="box_zoom,pan,xwheel_zoom,ywheel_zoom,reset,save",
-        active_drag="box_zoom",
-        x_axis_label=panel.x_label or None,
-        y_axis_label=panel.y_label or None,
-        y_axis_type="log" if panel.log else "linear",
-        min_border_left=LEFT_PX,
-        min_border_right=RIGHT_PX,
-        **({} if x_range is None else {"x_range": x_range}),
-    )
-    data: dict[str, Any] = {"x": panel.x}
-    for k, line in enumerate(panel.lines):
-        data[f"y{k}"] = _single(line.y)
-        if line.std is not None:
-            data[f"low{k}"], data[f"high{k}"] = _single(line.y - line.std), _single(line.y + line.std)
-    if panel.names:
-        data["name"] = list(panel.names)
-        made.xaxis.ticker = panel.x.tolist()
-        made.xaxis.major_label_overrides = {float(x): name for x, name in zip(panel.x, panel.names, strict=True)}
-    source = ColumnDataSource(data)
-    drawn = [_line(made, source, k, line) for k, line in enumerate(panel.lines)]
-    points = any(line.look == "points" for line in panel.lines)
-    along = (panel.x_label or "x", "@name") if panel.names else (panel.x_label or "x", "@x{%.10g}")
-    hover = HoverTool(
-        renderers=drawn if points else drawn[:1],
-        mode="mouse" if points else "vline",
-        tooltips=[along, *((line.name, f"@y{k}{{%.7g}}") for k, line in enumerate(panel.lines))],
-        formatters=dict.fromkeys(["@x", *(f"@y{k}" for k in range(len(panel.lines)))], "printf"),
-    )
-    made.add_tools(hover)
-    _plain(made)
-    return made
+def _panel(panel: PlotPanel) -> dict[str, Any]:
+    return {
+        "x": _packed(panel.x, "<f8"),
+        "x_label": panel.x_label,
+        "y_label": panel.y_label,
+        "log": panel.log,
+        "names": list(panel.names) or None,
+        "lines": [_line(line, k) for k, line in enumerate(panel.lines)],
+        "height": PANEL_PX,
+        "left": LEFT_PX,
+        "right": RIGHT_PX,
+    }
 
 
-def _line(made: figure, source: Any, k: int, line: PlotLine) -> Any:
-    colour = line.colour or COLOURS[k % len(COLOURS)]
-    if line.std is not None and line.look == "points":
-        made.segment("x", f"low{k}", "x", f"high{k}", source=source, color=colour, line_width=1.5)
-    elif line.std is not None:
-        made.varea("x", f"low{k}", f"high{k}", source=source, fill_color=colour, fill_alpha=0.25)
-    if line.look == "points":
-        size = 6 if len(source.data["x"]) < MOST_HOVERED else 3
-        return made.scatter("x", f"y{k}", source=source, color=colour, size=size, legend_label=line.name)
-    dash = "dashed" if line.look == "dashed" else "solid"
-    return made.line("x", f"y{k}", source=source, color=colour, line_dash=dash, legend_label=line.name)
+def _line(line: PlotLine, k: int) -> dict[str, Any]:
+    # in single precision, half the size: of what a screen shows no digit is lost
+    drawn: dict[str, Any] = {"name": line.name, "look": line.look, "y": _packed(line.y, "<f4")}
+    if line.std is not None:
+        drawn |= {"low": _packed(line.y - line.std, "<f4"), "high": _packed(line.y + line.std, "<f4")}
+    size = 6 if line.y.size < MOST_HOVERED else 3
+    return {**drawn, "colour": line.colour or COLOURS[k % len(COLOURS)], "size": size}
 
 
-def _plain(made: figure) -> None:
-    """Transparent, with ink that is read on light and on dark."""
-    made.background_fill_alpha = made.border_fill_alpha = 0.0
-    made.outline_line_color = None
-    made.toolbar.logo = None
-    made.grid.grid_line_color, made.grid.grid_line_alpha = GRID, 0.3
-    for axis in made.axis:
-        axis.axis_label_text_color = axis.major_label_text_color = axis.axis_line_color = INK
-        axis.major_tick_line_color = axis.minor_tick_line_color = GRID
-        axis.axis_label_text_font_style = "normal"
-    for legend in made.legend:
-        legend.background_fill_alpha, legend.border_line_color = 0.0, None
-        legend.label_text_color, legend.label_text_font_size = INK, "9pt"
-        legend.spacing = 2
-        legend.click_policy, legend.location, legend.orientation = "hide", "top_left", "horizontal"
-    if made.legend:
-        made.add_layout(made.legend[0], "above")
-
-
-def _single(values: Any) -> Any:
-    """In single precision, half the size: of what a screen shows no digit is lost."""
-    return np.asarray(values, dtype=np.float32)
+def _packed(values: Any, kind: str) -> str:
+    """The bytes of an array, in letters."""
+    return base64.b64encode(np.asarray(values, dtype=kind).tobytes()).decode("ascii")
