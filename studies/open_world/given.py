@@ -49,7 +49,7 @@ def is_true(law: Row, group: Any) -> bool:
 @contextmanager
 def nothing_but(laws: list[Row]) -> Iterator[None]:
     """The search for laws has the groups of these laws alone, and no name stands beside them."""
-    from highside.diagnosis import beside_laws
+    from highside.diagnosis import beside_laws, names_instead
     from highside.diagnosis.laws.search import Found, Search
 
     run, alone = Search.run, beside_laws._alone
@@ -64,7 +64,8 @@ def nothing_but(laws: list[Row]) -> Iterator[None]:
     with (
         mock.patch.object(Search, "run", given),
         mock.patch.object(beside_laws, "_chosen", without_names),
-        mock.patch.object(beside_laws, "_alike", return_value=[]),
+        mock.patch.object(beside_laws, "alike_of", return_value=[]),
+        mock.patch.object(names_instead, "alike_of", return_value=[]),
     ):
         yield
 

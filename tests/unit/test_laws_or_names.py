@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Mapping
 from dataclasses import replace
 from itertools import permutations
 
@@ -13,10 +14,11 @@ from highside.api.diagnosis import diagnose
 from highside.cli.diagnose import _show
 from highside.config.model import Model
 from highside.diagnosis.laws.claims import reported_laws
-from highside.diagnosis.laws.effects import EffectGroup
+from highside.diagnosis.laws.effects import Columns, EffectGroup
 from highside.diagnosis.laws.groups import LawGroup, groups_of
+from highside.diagnosis.laws.instead import names_instead
 from highside.diagnosis.laws.problem import LawProblem, PlaceField
-from highside.diagnosis.laws.search import Search
+from highside.diagnosis.laws.search import Found, Search
 from highside.physics.covariates import COVARIATES, joined, parted
 from highside.physics.effects import all_effects
 from highside.physics.forward import ForwardModel
@@ -84,7 +86,7 @@ def test_a_covariate_that_is_the_same_quantity_is_in_the_class_though_it_is_not_
     assert ("temp",) not in told
 
 
-def decay(shape: dict[str, float]) -> np.ndarray:
+def decay(shape: Mapping[str, float]) -> np.ndarray:
     """(1, 1, n) of one channel."""
     return np.exp(-T_S / shape["tau"])[None, None]
 
@@ -182,3 +184,66 @@ def test_the_names_of_two_covariates_are_read_out_of_an_id() -> None:
     assert title_of_any("law:inclination_inc_load_x_x_inc") == (
         "an error of the reference inclination that follows load on x and inclination"
     )
+
+
+def shaped(effect: str, name: str, tried: list[float], of: Columns, problem: LawProblem) -> list[EffectGroup]:
+    """An effect of one shape as groups, one for each value of it that is tried."""
+    made = []
+    for k, value in enumerate(tried):
+        near = {name: (tried[max(k - 1, 0)], tried[min(k + 1, len(tried) - 1)])}
+        group = EffectGroup.of(effect, of({name: value}), problem.floor, tries=len(tried))
+        made.append(group.shaped({name: value}, near, frozenset({name} & {"t0"}), of))
+    return made
+
+
+def step(shape: Mapping[str, float]) -> np.ndarray:
+    """(1, 1, n) of one channel."""
+    return (shape["t0"] <= T_S).astype(float)[None, None]
+
+
+def of_laws(problem: LawProblem, added: np.ndarray) -> Found:
+    """A search among laws alone."""
+    found = Search(replace(problem, residual=problem.residual + added)).run()
+    assert found.terms
+    assert not any(term.group.effect for term in found.terms)
+    return found
+
+
+def test_a_name_that_fits_as_well_as_the_laws_that_were_found_is_told_in_their_place() -> None:
+    problem = with_steps()
+    found = of_laws(problem, 5e-3 * decay({"tau": 437.0})[0])
+    offered = [
+        shaped("warmup", "tau", [120.0, 300.0, 750.0], decay, problem),
+        shaped("bias_step", "t0", [405.0, 1005.0, 1605.0], step, problem),
+    ]
+    named = names_instead(found, offered, lambda made, k: True)
+    (term,) = named.terms
+    assert term.group.effect == "warmup"
+    assert isinstance(term.group, EffectGroup)
+    assert term.group.shape is not None
+    assert term.group.shape.values["tau"] == pytest.approx(437.0, rel=0.1)
+    assert names_instead(found, offered, lambda made, k: False) is found
+
+
+def test_a_law_in_the_place_of_which_a_name_is_told_stays_in_its_class() -> None:
+    problem = with_steps()
+    found = of_laws(problem, 2e-3 * step({"t0": 1305.0})[0])
+    named = names_instead(
+        found, [shaped("bias_step", "t0", [405.0, 1005.0, 1605.0], step, problem)], lambda made, k: True
+    )
+    (term,) = named.terms
+    assert isinstance(term.group, EffectGroup)
+    assert term.group.shape is not None
+    assert 1290.0 < term.group.shape.values["t0"] <= 1320.0
+    assert [group.label for group in named.classes[0]] == ["bias_step", "offset_x_time"]
+
+
+def test_a_name_that_leaves_a_part_of_a_law_does_not_take_its_place() -> None:
+    problem = with_steps()
+    bump = 5e-3 * np.exp(-(((T_S - 1500.0) / 500.0) ** 2))[None]
+    found = of_laws(problem, bump)
+    offered = [
+        shaped("warmup", "tau", [120.0, 300.0, 750.0], decay, problem),
+        shaped("bias_step", "t0", [405.0, 1005.0, 1605.0], step, problem),
+    ]
+    assert names_instead(found, offered, lambda made, k: True) is found

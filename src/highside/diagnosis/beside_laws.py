@@ -19,13 +19,14 @@ from highside.diagnosis.core.result import Claim, DiagnosisResult, Fit, Location
 from highside.diagnosis.core.unexplained import hinted
 from highside.diagnosis.identified_noise import with_identified_noise
 from highside.diagnosis.law_sessions import LawSession, linear
-from highside.diagnosis.laws.claims import ReportedLaw, cases_of_laws, heldout_of, named_claim, reported_laws
+from highside.diagnosis.laws.claims import ReportedLaw, cases_of_laws, heldout_of, reported_laws
 from highside.diagnosis.laws.effects import EffectGroup
 from highside.diagnosis.laws.free_rivals import as_rivals, with_free_rivals
 from highside.diagnosis.laws.groups import groups_of
 from highside.diagnosis.laws.policy import LAW_SEARCH, LAW_VERDICT
 from highside.diagnosis.laws.search import Found, Search
 from highside.diagnosis.name_groups import name_groups, resembled
+from highside.diagnosis.names_instead import alike_of, implausible, names_of, with_names_instead
 from highside.physics import effects as library
 from highside.physics.covariates import FILTERED
 from highside.physics.effects import title_of
@@ -59,6 +60,8 @@ class _Outcome:
     found: Found
     implausible: bool = False
     """the names explain it, at sizes that no instrument has"""
+    renamed: bool = False
+    """a name stands where a law was found"""
 
 
 def with_laws(
@@ -84,7 +87,7 @@ def with_laws(
         outcome = replace(outcome, laws=large)
     if outcome.implausible and outcome.names:
         return _refused(diagnosis, outcome), report
-    if not outcome.laws and all(c.effect in known for c in outcome.names):
+    if not outcome.laws and not outcome.renamed and all(c.effect in known for c in outcome.names):
         told = {c.effect: c for c in outcome.names}
         diagnosis = replace(diagnosis, claims=tuple(told.get(c.effect, c) for c in diagnosis.claims))
         return with_identified_noise(diagnosis, outcome.found), report
@@ -190,7 +193,7 @@ def _beside_random_walk(outcome: _Outcome, model: ForwardModel) -> _Outcome:
         found = found.only(kept)
     if found is outcome.found:
         return outcome
-    names = with_free_rivals(_names_of(found, model), found)
+    names = with_free_rivals(names_of(found, model), found)
     return _Outcome(names, tuple(reported_laws(found, model.ids)), found)
 
 
@@ -245,8 +248,8 @@ def _chosen(
     model = session.beside(model, values)
     named = model.with_effects(values)
     # a name has a right to all that a fit may move of it, its time constants too
-    names = [f"{c.effect}.{p.name}" for c in claims for p in named.effect(c.effect).parameters if p.fitted]
-    alone = session.problem(named, session.residual(named), names)
+    fitted = [f"{c.effect}.{p.name}" for c in claims for p in named.effect(c.effect).parameters if p.fitted]
+    alone = session.problem(named, session.residual(named), fitted)
     around = [_around(session, named, c.effect, values[c.effect]) for c in claims]
     first = Search(replace(alone, free=np.concatenate([alone.free, *around])))
     beside = first.run()
@@ -279,9 +282,13 @@ def _chosen(
         # a law of the same covariate in the same place says more than the name: the name is a case of it
         laws_alone = [t for t in chosen.terms if t.group.effect not in cases]
         chosen = search.beside([t.group for t in laws_alone if t.group.effect], laws_alone)
+    found = with_names_instead(session, model, chosen, [c.effect for c in claims], refused)
     staying = {t.group.effect for t in chosen.terms if t.group.effect}
-    laws = tuple(reported_laws(chosen, model.ids))
-    return _Outcome(with_free_rivals([c for c in claims if c.effect in staying], chosen), laws, chosen)
+    names = [c for c in claims if c.effect in staying]
+    if found is not chosen:
+        names += [c for c in names_of(found, model) if c.effect not in staying]
+    laws = tuple(reported_laws(found, model.ids))
+    return _Outcome(with_free_rivals(names, found), laws, found, renamed=found is not chosen)
 
 
 def _alone(
@@ -300,7 +307,7 @@ def _alone(
     for _ in range(LAW_VERDICT.turns):
         if not found.terms:
             return _Outcome((), (), found)
-        alike = [name for name in _alike(session, model, found) if name not in offered and name not in refused]
+        alike = [name for name in alike_of(session, model, found) if name not in offered and name not in refused]
         if alike:
             offered += alike
             search = search.beside_names([g for name in alike for g in name_groups(session, model, name)])
@@ -312,8 +319,9 @@ def _alone(
         found = search.run()
     if not found.terms:
         return _Outcome((), (), found)
-    names = _names_of(found, model)
-    outside = frozenset(claim.effect for claim in names if _implausible(claim))
+    found = with_names_instead(session, model, found, offered, refused)
+    names = names_of(found, model)
+    outside = frozenset(claim.effect for claim in names if implausible(claim))
     unfit = {claim.effect for claim in names if not claim.stable} | cases_of_laws(found)
     if outside and len(names) == len(found.terms) and not unfit:
         # names explain it all, at a size that no instrument has: that is said, and nothing else takes their place
@@ -325,41 +333,16 @@ def _alone(
     return _Outcome(with_free_rivals(names, found), tuple(reported_laws(found, model.ids)), found)
 
 
-def _names_of(found: Found, model: ForwardModel) -> tuple[Claim, ...]:
-    """The library's effects among the terms of a search, as they are claimed."""
-    known = model.parameters()
-    return tuple(
-        named_claim(found, k, library.get(t.group.effect), known.get(t.group.effect, {}))
-        for k, t in enumerate(found.terms)
-        if t.group.effect
-    )
-
-
-def _alike(session: LawSession, model: ForwardModel, found: Found) -> list[str]:
-    """Names that do nearly what one of the laws does, or what all of them do together."""
-    effects = [one.effect for one in reported_laws(found)]
-    if len(effects) > 1:
-        effects.append(np.sum(effects, axis=0))
-    return list(dict.fromkeys(name for effect in effects for name in resembled(session, model, found, effect)))
-
-
 def _beyond(session: LawSession, model: ForwardModel, found: Found, residual: Array) -> Array:
     """(C, m) what names and laws do beyond first order, at the sizes that a search gave them."""
     laws = [one.law for one in reported_laws(found, model.ids)]
-    named = {claim.effect: values_of_claim(session, model, claim) for claim in _names_of(found, model)}
+    named = {claim.effect: values_of_claim(session, model, claim) for claim in names_of(found, model)}
     first = linear(session, model, laws)
     for name, values in named.items():
         table, sizes = session.effect_columns(model, name, values)
         first = first + np.tensordot(sizes - _sizes_in(session, model, name), table, 1)
     changed = (model.with_effects(named) if named else model).with_laws(laws)
     return np.asarray(residual - session.residual(changed) - first)
-
-
-def _implausible(claim: Claim) -> bool:
-    """Whether a size is beyond what instruments have."""
-    effect = library.get(claim.effect)
-    vector = [claim.parameters[p.name].value if p.name in claim.parameters else p.default for p in effect.parameters]
-    return bool(effect.outside_gate(np.array(vector)))
 
 
 def _sizes_in(session: LawSession, model: ForwardModel, effect: str) -> Array:

@@ -1,0 +1,62 @@
+"""Names among the terms of a search, which of them a law resembles, and names that are told instead of laws."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from highside.diagnosis.core.result import Claim
+from highside.diagnosis.law_sessions import LawSession
+from highside.diagnosis.laws.claims import named_claim, reported_laws
+from highside.diagnosis.laws.instead import names_instead
+from highside.diagnosis.laws.search import Found
+from highside.diagnosis.name_groups import name_groups, resembled
+from highside.physics import effects as library
+from highside.physics.forward import ForwardModel
+
+
+def with_names_instead(
+    session: LawSession, model: ForwardModel, found: Found, near: Sequence[str], refused: frozenset[str]
+) -> Found:
+    """A search with names in the place of its laws: those that these resemble, and those that came `near`, where they
+    fit about as well; none of those `refused`, nor any of a size that is not constant, or that no instrument has.
+
+    Of stepped sessions: where only |g| is known, closed forms are held beside a name, which would be withdrawn without
+    the law for which it stands; cells of a rotation were not tried.
+    """
+    if not found.problem.every_pair or all(term.group.effect for term in found.terms):
+        return found
+    names = dict.fromkeys([*alike_of(session, model, found), *near])
+    offered = [name_groups(session, model, name) for name in names if name not in refused]
+
+    def believed(made: Found, k: int) -> bool:
+        (claim,) = (c for c in names_of(made, model) if c.effect == made.terms[k].group.effect)
+        return bool(claim.stable) and not implausible(claim)
+
+    return names_instead(found, offered, believed)
+
+
+def names_of(found: Found, model: ForwardModel) -> tuple[Claim, ...]:
+    """The library's effects among the terms of a search, as they are claimed."""
+    known = model.parameters()
+    return tuple(
+        named_claim(found, k, library.get(t.group.effect), known.get(t.group.effect, {}))
+        for k, t in enumerate(found.terms)
+        if t.group.effect
+    )
+
+
+def alike_of(session: LawSession, model: ForwardModel, found: Found) -> list[str]:
+    """Names that do nearly what one of the laws does, or what all of them do together."""
+    effects = [one.effect for one in reported_laws(found)]
+    if len(effects) > 1:
+        effects.append(np.sum(effects, axis=0))
+    return list(dict.fromkeys(name for effect in effects for name in resembled(session, model, found, effect)))
+
+
+def implausible(claim: Claim) -> bool:
+    """Whether a size is beyond what instruments have."""
+    effect = library.get(claim.effect)
+    vector = [claim.parameters[p.name].value if p.name in claim.parameters else p.default for p in effect.parameters]
+    return bool(effect.outside_gate(np.array(vector)))
