@@ -348,3 +348,10 @@ def test_what_differs_by_the_direction_is_said_with_its_size_and_motion_never_se
     said = json.loads(warned.stdout)["warnings"]
     assert len(said) == 2 and "backwards" in said[0] and "deg/s" in said[1]
     assert "warning:" in warned.stderr
+
+
+def test_what_is_printed_is_in_the_language_asked_for(folder: Path) -> None:
+    done = highside("rotation", "compare", "rec.csv", "--language", "de", cwd=folder)
+    assert "Zeilen, mittlerer Betrag des Fehlers" in done.stdout
+    assert "nur eine Drehrichtung" in done.stdout
+    assert not {"rows", "better", "direction"} & set(done.stdout.split())

@@ -21,11 +21,15 @@ from highside.bench.session.labels import LABELS
 from highside.bench.session.reasons import Fault, Refusal, Rejection
 from highside.bench.session.snapshot import Deviation
 from highside.calibration.verification import Conformity
+from highside.config.settings import load
+from highside.errors import InputError
 from highside.service.alarms import ALARMS
 from highside.web import words
 from highside.words import catalogue as catalogue_of
 from highside.words import extraction, in_language, said
+from highside.words.errors import error_told
 from highside.words.sentences import SENTENCES
+from tests.brackets import outside
 
 SOURCES = Path(catalogue_of.__file__).parents[1]
 TEMPLATES = ("web", "report")
@@ -166,3 +170,33 @@ def test_a_sentence_with_its_values_is_told_by_what_it_was_made_of() -> None:
 def test_a_sentence_that_nobody_knows_is_left_as_it_is() -> None:
     for text in ("", "tool-7", "100 % of nothing", "(((", "%(pose)s", "a (b (c (d (e (f))))) " * 40, "x" * 100_000):
         assert in_german(text) == text
+
+
+SETTINGS_WITH_MISTAKES = """
+[tool]
+id = 5
+serail = "1"
+[link]
+kind = "serial"
+port = 3
+baud = "x"
+silence_s = -1
+[mqtt]
+host = "h"
+reconnect_max_s = 1
+reconnect_min_s = 5
+"""
+
+
+@pytest.mark.usefixtures("brackets")
+@pytest.mark.parametrize("text", ["", "a = = 3", '[tool]\nid = "a"\n[link]\nkind = "serail"', SETTINGS_WITH_MISTAKES])
+def test_mistakes_in_a_file_of_settings_are_told(text: str, tmp_path: Path) -> None:
+    file = tmp_path / "7.toml"
+    file.write_text(text)
+    with pytest.raises(InputError) as wrong:
+        load(file)
+    with in_language("de"):
+        line = outside(error_told(wrong.value, "settings").removeprefix(str(file)), " ")
+    # left are names of fields, and what the parser of TOML says
+    line = re.sub(r"[a-z]+(\.[a-z_]+)*:", "", line)
+    assert not re.search(r"[^\W\d_]{3,}", line), line

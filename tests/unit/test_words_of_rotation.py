@@ -22,6 +22,8 @@ from highside.report.rotation_page import compare_page, fit_page
 from highside.rotation import Compensation, Samples, Validity
 from highside.rotation.compare import CurveComparison, compare
 from highside.rotation.curve import CurveMethod
+from highside.rotation.direction import direction_difference
+from highside.rotation.fit import fit
 from highside.words import catalogue, in_language, told
 from tests.brackets import outside, written
 
@@ -137,3 +139,18 @@ def test_no_word_of_the_pages_of_a_fleet_escapes() -> None:
         pages += [page_of_records(whole, {"7": "sort the rows by time"}, "7"), page_of_records(none, {}, "7")]
     for page in pages:
         assert escaped(page) <= {"deg", "rad", "degC"}
+
+
+@pytest.mark.usefixtures("brackets")
+def test_what_depends_on_the_direction_is_known_to_the_terminal() -> None:
+    rng = np.random.default_rng(3)
+    angles = np.concatenate([np.linspace(0.0, 8.0 * np.pi, 600), np.linspace(8.0 * np.pi, 0.0, 600)])
+    noise = 0.01 * rng.standard_normal(angles.size)
+    ways = np.repeat([0.4, -0.4], 600)
+    for size in (1.0, 0.0):
+        samples = Samples.build(np.mod(angles, 2.0 * np.pi), np.sin(angles) + size * ways + noise)
+        found = direction_difference(samples, fit(samples, CurveMethod.SINE))
+        assert found is not None
+        assert found.found == bool(size)
+        with in_language("de"):
+            assert not re.search(r"[^\W\d_]{3,}", outside(told(found.sentence, "rotation"))), found.sentence

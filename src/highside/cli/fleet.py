@@ -6,11 +6,11 @@ import json
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from highside.cli.options import PageLanguage
+from highside.cli.options import Language
 from highside.cli.say import echo, echo_json
 
 if TYPE_CHECKING:
@@ -98,7 +98,7 @@ def summary_command(
         str | None, typer.Option("--order", help="Column along which a change is looked for (a serial number, a date).")
     ] = None,
     html: Annotated[Path | None, typer.Option("--html", help="Report to write.")] = None,
-    language: PageLanguage = "en",
+    language: Language = "en",
     as_json: Json = False,
 ) -> None:
     """Say what physics the tools of a lot share, and which tools stand out."""
@@ -109,23 +109,41 @@ def summary_command(
     from highside.words import in_language
 
     found = summarise(PartStore.existing(folder), by=by, order=order)
-    if html is not None:
-        with in_language(language):
-            page = page_of(found, folder.resolve().name)
-        write_whole(html, page.encode())
-    if as_json:
-        echo_json(json.dumps(found.to_dict(), indent=1))
-        return
-    echo(sentence_of(found))
-    for one in found.to_dict()["common"]:
-        echo(
-            f"lot {one['lot']}: {' or '.join(one['class'])}: {one['parameter']} = {one['value']:.3g}"
-            f" +- {one['std']:.2g} {one['unit']} ({one['tools']} tools, q = {one['q']:.1g})"
+    with in_language(language):
+        if html is not None:
+            write_whole(html, page_of(found, folder.resolve().name).encode())
+        if as_json:
+            echo_json(json.dumps(found.to_dict(), indent=1))
+            return
+        echo(sentence_of(found))
+        for line in _lines_of(found.to_dict()):
+            echo(line)
+
+
+def _lines_of(found: dict[str, Any]) -> Iterator[str]:
+    """What a lot has in common, which tools stand out, and which lots are not judged."""
+    from highside.words import _, told
+
+    either = _(" or ")
+    for one in found["common"]:
+        yield _(
+            "lot %(lot)s: %(names)s: %(parameter)s = %(value)s +- %(std)s %(unit)s (%(tools)s tools, q = %(q)s)",
+            lot=one["lot"],
+            names=either.join(one["class"]),
+            parameter=one["parameter"],
+            value=f"{one['value']:.3g}",
+            std=f"{one['std']:.2g}",
+            unit=one["unit"],
+            tools=one["tools"],
+            q=f"{one['q']:.1g}",
         )
-    for outlier in found.to_dict()["outliers"]:
-        echo(f"tool {outlier['tool']} of lot {outlier['lot']} stands out: {' or '.join(outlier['class'])}")
-    for lot in found.to_dict()["not_testable"]:
-        echo(f"lot {lot['lot'] or '-'} is not judged: {lot['why']}")
+    for outlier in found["outliers"]:
+        names = either.join(outlier["class"])
+        yield _(
+            "tool %(tool)s of lot %(lot)s stands out: %(names)s", tool=outlier["tool"], lot=outlier["lot"], names=names
+        )
+    for lot in found["not_testable"]:
+        yield _("lot %(lot)s is not judged: %(why)s", lot=lot["lot"] or "-", why=told(lot["why"]))
 
 
 @app.command("records")
@@ -135,35 +153,41 @@ def records_command(
         float, typer.Option("--limit-deg", help="Of the direction of gravity, k = 2: at which a calibration is due.")
     ] = 0.1,
     html: Annotated[Path | None, typer.Option("--html", help="Report to write.")] = None,
-    language: PageLanguage = "en",
+    language: Language = "en",
     as_json: Json = False,
 ) -> None:
     """Say how fast sensors wander from calibration to calibration, which departed, and when the next is due."""
     from highside.errors import InputError
     from highside.fleet.records import page_of_records, read_history, sentence_of_records, to_dict
     from highside.recording.files import write_whole
-    from highside.words import in_language
+    from highside.words import _, in_language, told
 
     if not 0.0 < limit_deg < 90.0:
         raise InputError(f"{limit_deg:g} is no limit", field="--limit-deg", remedy="between 0 and 90")
     if not folder.is_dir():
         raise InputError("is not a folder", where=str(folder), field="DIR", remedy="name the folder of a store")
     found, omitted = read_history(folder, limit_deg)
-    if html is not None:
-        with in_language(language):
-            page = page_of_records(found, omitted, folder.resolve().name)
-        write_whole(html, page.encode())
-    if as_json:
-        echo_json(json.dumps(to_dict(found, omitted), indent=1))
-        return
-    echo(sentence_of_records(found))
-    for tool in to_dict(found, omitted)["tools"]:
-        for one in tool["departures"]:
-            echo(
-                f"tool {tool['tool']}: {one['parameter']} moved by {one['change']:.3g} {one['unit']} until {one['at']}"
-            )
-    for path, why in omitted.items():
-        echo(f"  {path} is left out: {why}", err=True)
+    with in_language(language):
+        if html is not None:
+            write_whole(html, page_of_records(found, omitted, folder.resolve().name).encode())
+        if as_json:
+            echo_json(json.dumps(to_dict(found, omitted), indent=1))
+            return
+        echo(sentence_of_records(found))
+        for tool in to_dict(found, omitted)["tools"]:
+            for one in tool["departures"]:
+                echo(
+                    _(
+                        "tool %(tool)s: %(parameter)s moved by %(change)s %(unit)s until %(at)s",
+                        tool=tool["tool"],
+                        parameter=one["parameter"],
+                        change=f"{one['change']:.3g}",
+                        unit=one["unit"],
+                        at=one["at"],
+                    )
+                )
+        for path, why in omitted.items():
+            echo("  " + _("%(file)s is left out: %(why)s", file=path, why=told(why)), err=True)
 
 
 def _model_text(model: Path) -> str:

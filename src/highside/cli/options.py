@@ -15,6 +15,7 @@ from highside.errors import HighsideError, InputError
 Language = Annotated[
     Literal["en", "de", "nb", "es"], typer.Option("--language", help="Of report.html and of what is printed.")
 ]
+PrintLanguage = Annotated[Literal["en", "de", "nb", "es"], typer.Option("--language", help="Of what is printed.")]
 PageLanguage = Annotated[
     Literal["en", "de", "nb", "es"], typer.Option("--language", help="Of the page that --html writes.")
 ]

@@ -5,14 +5,18 @@ from __future__ import annotations
 import json
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from highside.cli.options import PageLanguage, as_options
+from highside.cli.options import Language, PrintLanguage, as_options
 from highside.cli.say import echo, echo_json
 from highside.cli.self_fit import fit_self
 from highside.cli.turntable import turntable
+
+if TYPE_CHECKING:
+    from highside.api.rotation import CompensatedRecording, FitOfRotation
+    from highside.rotation.direction import DirectionDifference
 
 app = typer.Typer(
     name="rotation", no_args_is_help=True, help="Errors that repeat with the rotor angle: fit, apply, compare."
@@ -64,12 +68,11 @@ def fit_command(
     roll_deg: Annotated[float | None, typer.Option(help="Roll of the vehicle at which it was recorded.")] = None,
     pitch_deg: Annotated[float | None, typer.Option(help="Pitch of the vehicle at which it was recorded.")] = None,
     html: PageOption = None,
-    language: PageLanguage = "en",
+    language: Language = "en",
     as_json: JsonOption = False,
 ) -> None:
     """Fit each error of a recording against the rotor angle and write a compensation."""
     from highside.api.rotation import fit_rotation
-    from highside.recording.files import write_whole
 
     with as_options("rate_terms"):
         found = fit_rotation(
@@ -82,30 +85,42 @@ def fit_command(
             roll_deg=roll_deg,
             pitch_deg=pitch_deg,
         )
-    compensation = found.compensation
+    from highside.words import in_language
+
+    with in_language(language):
+        _write_fit(found, output, html, method.value, as_json=as_json)
+
+
+def _write_fit(found: FitOfRotation, output: Path, html: Path | None, method: str, *, as_json: bool) -> None:
+    """Write the compensation and its page, and say what was fitted."""
+    from highside.recording.files import write_whole
+    from highside.words import _, told
+
     page = None
     if html is not None:
         from highside.report.rotation_page import fit_page
-        from highside.words import in_language
 
-        with in_language(language):
-            page = fit_page(compensation, found.samples)
-    write_whole(output, compensation.to_json().encode())
+        page = fit_page(found.compensation, found.samples)
+    write_whole(output, found.compensation.to_json().encode())
     if html is not None and page is not None:
         write_whole(html, page.encode())
-    described = found.described()
+    described, short = found.described(), found.compensation.id[:12]
     if as_json:
-        echo_json(json.dumps({"output": str(output), "id": compensation.id, "curves": described}))
+        echo_json(json.dumps({"output": str(output), "id": found.compensation.id, "curves": described}))
         return
-    echo(f"{output}: {method.value} of {found.rows} rows, {compensation.id[:12]}")
+    echo(_("%(file)s: %(method)s of %(rows)s rows, %(id)s", file=output, method=method, rows=found.rows, id=short))
     for name, one in described.items():
-        held_out = "" if one["held_out_rms_arcmin"] is None else f", held out {one['held_out_rms_arcmin']:.4f}'"
-        echo(
-            f"  {name:<8} order {one['order']:<2} noise {one['noise_arcmin']:.4f}', amplitude"
-            f" {one['half_range_arcmin']:.4f}'{held_out}"
+        line = _(
+            "order %(order)s noise %(noise)s', amplitude %(size)s'",
+            order=f"{one['order']:<2}",
+            noise=f"{one['noise_arcmin']:.4f}",
+            size=f"{one['half_range_arcmin']:.4f}",
         )
+        if one["held_out_rms_arcmin"] is not None:
+            line += ", " + _("held out %(size)s'", size=f"{one['held_out_rms_arcmin']:.4f}")
+        echo(f"  {name:<8} {line}")
     for name, remark in found.remarks():
-        echo(f"{name}: {remark}", err=True)
+        echo(f"{name}: {told(remark, 'rotation')}", err=True)
 
 
 @app.command()
@@ -113,6 +128,7 @@ def apply(
     compensation_file: Annotated[Path, typer.Argument(metavar="COMP", help="Compensation (JSON) of rotation fit.")],
     recording: RecordingArgument,
     output: Output,
+    language: PrintLanguage = "en",
     as_json: JsonOption = False,
 ) -> None:
     """Take the fitted errors off, of errors and of attitudes as the live service does.
@@ -122,11 +138,19 @@ def apply(
     inc_std_deg, ... its own variance is added.
     """
     from highside.api.rotation import compensate
+    from highside.words import in_language
 
     done = compensate(recording, compensation_file)
     done.data.write(output)
+    with in_language(language):
+        _tell_compensated(done, output, as_json=as_json)
+
+
+def _tell_compensated(done: CompensatedRecording[Any], output: Path, *, as_json: bool) -> None:
+    from highside.words import _, told
+
     for warning in done.warnings:
-        echo(f"warning: {warning}", err=True)
+        echo(_("warning: %(what)s", what=told(warning, "rotation")), err=True)
     if as_json:
         summary = {
             "output": str(output),
@@ -138,15 +162,19 @@ def apply(
         }
         echo_json(json.dumps(summary | {"attitude": done.done.attitude}))
         return
-    echo(f"{output}: {done.data.n} rows compensated by {done.compensation.id[:12]}")
+    by = done.compensation.id[:12]
+    echo(_("%(file)s: %(rows)s rows compensated by %(id)s", file=output, rows=done.data.n, id=by))
     for channel, one in done.done.channels.items():
-        echo(
-            f"  {channel:<8} mean absolute error {one['before_mean_abs_arcmin']:.4f}' ->"
-            f" {one['after_mean_abs_arcmin']:.4f}'"
+        line = _(
+            "mean absolute error %(before)s' -> %(after)s'",
+            before=f"{one['before_mean_abs_arcmin']:.4f}",
+            after=f"{one['after_mean_abs_arcmin']:.4f}",
         )
+        echo(f"  {channel:<8} {line}")
     for name, counts in done.done.attitude.items():
         why = ", ".join(f"{n} {flag}" for flag, n in counts.items() if n and flag != "compensated")
-        echo(f"  {name:<8} {counts['compensated']} rows compensated{f'; {why}' if why else ''}")
+        line = _("%(count)s rows compensated", count=counts["compensated"])
+        echo(f"  {name:<8} {line}{f'; {why}' if why else ''}")
 
 
 @app.command()
@@ -156,7 +184,7 @@ def compare(
     network_input: Annotated[InputName, typer.Option(help="For the network.")] = InputName.SCALED,
     seed: Annotated[int, typer.Option(help="For the network: its first weights.")] = 0,
     html: PageOption = None,
-    language: PageLanguage = "en",
+    language: Language = "en",
     as_json: JsonOption = False,
 ) -> None:
     """Fit all methods to the same rows: residuals, errors on whole turns not used by the fit, both relative to sine."""
@@ -185,28 +213,45 @@ def compare(
             "refused": {method.value: why for method, why in comparison.refused.items()},
             "direction": None if difference is None else difference.to_dict(),
         }
-    if html is not None:
-        from highside.recording.files import write_whole
-        from highside.report.rotation_page import compare_page
-        from highside.words import in_language
+    from highside.words import in_language
 
-        compared = {channel: (samples, comparison) for channel, (samples, comparison, _) in found.items()}
-        with in_language(language):
+    with in_language(language):
+        if html is not None:
+            from highside.recording.files import write_whole
+            from highside.report.rotation_page import compare_page
+
+            compared = {channel: (samples, comparison) for channel, (samples, comparison, _) in found.items()}
             write_whole(html, compare_page(recording.name, compared).encode())
-    if as_json:
-        echo_json(json.dumps({"recording": str(recording), "channels": result}))
-        return
-    for channel, one in result.items():
-        echo(f"{channel}: {one['rows']} rows, mean absolute error {one['mean_abs_before_arcmin']:.4f}'")
-        echo(f"  {'method':<12} order  mean |e|    largest  held out  better than sine")
-        for name, row in one["methods"].items():
-            held = "-" if row["held_out_rms_arcmin"] is None else f"{row['held_out_rms_arcmin']:.5f}'"
-            better = "-" if row["better_than_sine"] is None else f"{100 * row['better_than_sine']:.1f} %"
-            echo(
-                f"  {name:<12} {row['order']:>5}  {row['mean_abs_arcmin']:.5f}'  {row['largest_arcmin']:.4f}'"
-                f"  {held:>9}  {better:>8}"
-            )
-        for name, why in one["refused"].items():
-            echo(f"  {name}: {why}", err=True)
-        by_direction = found[channel][2]
-        echo("  one direction of rotation only" if by_direction is None else f"  {by_direction.sentence}")
+        if as_json:
+            echo_json(json.dumps({"recording": str(recording), "channels": result}))
+            return
+        for channel, one in result.items():
+            _tell_compared(channel, one, found[channel][2])
+
+
+def _tell_compared(channel: str, one: dict[str, Any], by_direction: DirectionDifference | None) -> None:
+    """The methods of a channel, side by side."""
+    from highside.words import _, told
+
+    size = f"{one['mean_abs_before_arcmin']:.4f}"
+    echo(_("%(channel)s: %(rows)s rows, mean absolute error %(size)s'", channel=channel, rows=one["rows"], size=size))
+    heads = [_("method"), _("order"), _("mean |e|"), _("largest"), _("held out"), _("better than sine")]
+    rows = [
+        [
+            name,
+            str(row["order"]),
+            f"{row['mean_abs_arcmin']:.5f}'",
+            f"{row['largest_arcmin']:.4f}'",
+            "-" if row["held_out_rms_arcmin"] is None else f"{row['held_out_rms_arcmin']:.5f}'",
+            "-" if row["better_than_sine"] is None else f"{100 * row['better_than_sine']:.1f} %",
+        ]
+        for name, row in one["methods"].items()
+    ]
+    widths = [max(map(len, column)) for column in zip(heads, *rows, strict=True)]
+    for method, *figures in [heads, *rows]:
+        places = (f"{figure:>{width}}" for figure, width in zip(figures, widths[1:], strict=True))
+        echo(f"  {method:<{widths[0]}}  {'  '.join(places)}")
+    for name, why in one["refused"].items():
+        echo(f"  {name}: {told(why, 'rotation')}", err=True)
+    way = _("one direction of rotation only") if by_direction is None else told(by_direction.sentence, "rotation")
+    echo(f"  {way}")

@@ -18,6 +18,7 @@ from highside.words.sentences import SENTENCES
 from highside.words.sentences_of_diagnosis import DIAGNOSIS
 from highside.words.sentences_of_importing import IMPORTING
 from highside.words.sentences_of_rotation import ROTATION
+from highside.words.sentences_of_settings import SETTINGS
 from highside.words.sentences_of_watch import WATCH
 
 LANGUAGES = {"en": "English", "de": "Deutsch", "nb": "Norsk", "es": "Español"}
@@ -91,7 +92,14 @@ def told(text: str, of: str = "") -> str:
     return text if len(text) > TOLD_MAX else _told(text, language(), NESTED_MAX, of)
 
 
-LISTS = {"": (), "diagnosis": DIAGNOSIS, "importing": IMPORTING, "rotation": ROTATION, "watch": WATCH}
+LISTS = {
+    "": (),
+    "diagnosis": DIAGNOSIS,
+    "importing": IMPORTING,
+    "rotation": ROTATION,
+    "settings": SETTINGS,
+    "watch": WATCH,
+}
 """Sentences that are known beside `SENTENCES`, by what is told."""
 NAMES = frozenset({"column", "columns"})
 """Fields that are names out of somebody's file: a column called `time` is not told as that word."""

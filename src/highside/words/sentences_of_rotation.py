@@ -67,4 +67,33 @@ REFUSALS = (
     ),
 )
 
-ROTATION = REMARKS + ORDERS + REFUSALS
+DIRECTIONS = (
+    said_later(
+        "no difference by direction is detected: %(size)s' +- %(std)s' (95 %%) over %(forward)s turns"
+        " forwards and %(backward)s backwards"
+    ),
+    said_later(
+        "the error differs by the direction of rotation: forwards minus backwards %(size)s' +- %(std)s' (95"
+        " %%) on average, up to %(largest)s' at some angles (play, friction or a late angle); the curve is"
+        " their mean: fit the directions apart, or take the play away"
+    ),
+    said_later(
+        "the error differs by the direction of rotation: forwards minus backwards %(size)s' +- %(std)s' (95"
+        " %%) on average, up to %(largest)s' at some angles (play, friction or a late angle); direction and"
+        " time run together, so that a drift would look the same; the curve is their mean: fit the directions"
+        " apart, or take the play away"
+    ),
+    said_later("the rotor turns forwards (growing angle) for %(turns)s turns; the fit never saw that direction"),
+    said_later("the rotor turns backwards (falling angle) for %(turns)s turns; the fit never saw that direction"),
+    said_later(
+        "the rotor turns at %(low)s to %(high)s deg/s; the fit saw %(least)s to %(greatest)s: what depends on"
+        " the rate is not in it"
+    ),
+    said_later(
+        "%(count)s of %(rows)s rows lie up to %(angle)s deg from the inclination of %(inc)s deg at which the"
+        " compensation was fitted: its coefficients change with attitude"
+    ),
+)
+"""What depends on the direction, the rate and the inclination (`rotation.direction`, `rotation.recording`)."""
+
+ROTATION = REMARKS + ORDERS + REFUSALS + DIRECTIONS

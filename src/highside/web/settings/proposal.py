@@ -46,7 +46,7 @@ class FieldChange:
 @dataclass(frozen=True, slots=True)
 class Proposal:
     """What was found. `trouble`: why it cannot be saved; `said`: what the check says, in English as on a terminal;
-    `by_check`: `trouble` is of it."""
+    `by_check`: `trouble` is in English too."""
 
     trouble: str | None
     said: str
@@ -75,7 +75,8 @@ def propose(path: Path, text: str) -> Proposal:
                 return Proposal(f"{path.name}: " + _("is the file of a bench session"), "")
             after = _every(candidate)
         except HighsideError as error:
-            return Proposal(_told(error_told(error), candidate, path), "", by_check=True)
+            trouble = error_told(error, "settings")
+            return Proposal(_told(trouble, candidate, path), "", by_check=trouble == str(error))
         done = subprocess.run(
             [sys.executable, "-c", _CHECK, "check", str(candidate)],
             stdin=subprocess.DEVNULL,

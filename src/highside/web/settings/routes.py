@@ -48,7 +48,7 @@ class SettingsPages:
         try:
             text, seen = await asyncio.to_thread(read_text, self._path)
         except HighsideError as error:
-            return self._page(409, trouble=error_told(error))
+            return self._page(409, trouble=error_told(error, "settings"))
         return self._page(text=text, seen=seen)
 
     async def _do(self, request: Request) -> Response:
@@ -64,7 +64,7 @@ class SettingsPages:
             except subprocess.TimeoutExpired:
                 found = Proposal(_("the check did not end within a minute"), "")
             except HighsideError as error:
-                found = Proposal(error_told(error), "")
+                found = Proposal(error_told(error, "settings"), "")
             saved, trouble = None, found.trouble
             if form.get("do") == "save" and trouble is None:
                 try:
@@ -73,7 +73,7 @@ class SettingsPages:
                     saved = answer % {"file": kept.name}
                     seen = (await asyncio.to_thread(read_text, self._path))[1]
                 except HighsideError as error:
-                    trouble = error_told(error)
+                    trouble = error_told(error, "settings")
         return self._page(
             200 if trouble is None else 409, text=text, seen=seen, found=found, trouble=trouble, said=saved
         )
