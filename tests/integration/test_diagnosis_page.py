@@ -14,7 +14,7 @@ import psutil
 import pytest
 from bench_page import HIGHSIDE, chromium
 from broker import free_port
-from playwright.async_api import Page, expect
+from playwright.async_api import Error, Page, Route, expect
 from test_bench_page import assert_accessible, assert_fits
 from test_tools_page import watched
 
@@ -23,6 +23,8 @@ import highside
 SHOTS = os.environ.get("HIGHSIDE_SHOTS")
 MODEL = Path(__file__).parents[2] / "config" / "model-bench.toml"
 JOB_MS = 240_000
+SCRIPT = Path(highside.__file__).parent / "web" / "diagnosis" / "diagnosis.js"
+RUNNING = '<p id="words" data-stage="running">1 s so far</p><p id="lost" role="alert" hidden>nothing is heard</p>'
 
 
 @pytest.fixture(scope="module")
@@ -209,6 +211,31 @@ async def _settled(client: httpx.AsyncClient, address: str) -> str:
         while (await client.get(f"{address}diagnosis/state")).json()["stage"] in ("looking", "waiting", "running"):
             await asyncio.sleep(0.2)
     return (await client.get(f"{address}diagnosis")).text
+
+
+async def test_a_server_that_answers_no_more_is_told_in_words_and_answers_again() -> None:
+    answers = asyncio.Event()
+
+    async def state(route: Route) -> None:
+        await answers.wait()
+        with contextlib.suppress(Error):  # those that were given up
+            await route.fulfill(json={"stage": "running", "words": "3 s so far"})
+
+    async with chromium() as browser:
+        page = await browser.new_page()
+        await page.add_init_script(
+            "const t = AbortSignal.timeout; AbortSignal.timeout = ms => t.call(AbortSignal, ms / 50)"
+        )
+        await page.route("**/*", lambda route: route.fulfill(content_type="text/html", body=RUNNING))
+        await page.route("**/diagnosis/state", state)
+        await page.goto("http://bench.test/diagnosis")
+        await page.add_script_tag(path=SCRIPT)
+        lost = page.locator("#lost")
+        await expect(lost).to_be_hidden()
+        await expect(lost).to_be_visible()
+        answers.set()
+        await expect(lost).to_be_hidden()
+        await expect(page.locator("#words")).to_have_text("3 s so far")
 
 
 async def test_without_it_there_is_no_such_page(tmp_path: Path) -> None:
