@@ -3,6 +3,7 @@
     python -m studies.simulation_honesty sweep --seeds 3 --first-seed 700
     python -m studies.simulation_honesty sizes --seeds 5 --first-seed 800 --strength 1e4
     python -m studies.simulation_honesty nulls --seeds 40 --first-seed 900
+    python -m studies.simulation_honesty arms --seeds 3 --first-seed 831
 
 A hand turns and moves a sensor of three accelerometers and three gyros about for 48 s, 25 rows a second, while it warms
 up. The prediction knows the motion; the recording has an effect or a law of a strength (its energy in units of the
@@ -66,7 +67,7 @@ class Motion:
 
     def thrown(self, arm: Array) -> Array:
         """(3, n) g of an arm (3,) m between the centre of the motion and the sensor."""
-        w, a = self.turning, np.gradient(self.turning, 1 / self.fine_hz, axis=1)
+        w, a = self.turning, CubicSpline(self.fine, self.turning, axis=1)(self.fine, 1)
         r = np.broadcast_to(arm[:, None], w.shape)
         added = np.cross(w.T, np.cross(w.T, r.T)) + np.cross(a.T, r.T)
         return np.asarray(CubicSpline(self.fine, added)(T_S)).T / G_MPS2
@@ -311,9 +312,32 @@ def nulls(seeds: Sequence[int], noises: Sequence[str], *, laws: bool) -> None:
         print(f"| {noise} | " + ", ".join(f"{v} {k}" for k, v in count.most_common()) + " |", flush=True)
 
 
+def arms(seeds: Sequence[int], noise: str, decades: Sequence[float], *, laws: bool) -> None:
+    """Lever arms of any direction: how long each component is found, in units of what it is, and how sure."""
+    for strength in decades:
+        off, sigmas, found = [], [], 0
+        for seed in seeds:
+            motion, arm_m = Motion(seed), np.random.default_rng(seed).standard_normal(3)
+            added = np.concatenate([motion.thrown(arm_m), np.zeros((3, T_S.size))])
+            arm_m *= np.sqrt(strength / _energy(added))
+            answer = reported(motion, of_strength(added, strength), noise, seed, laws=laws)
+            for parameters in (c.parameters for c in answer.claims if c.effect == "lever_arm"):
+                found += 1
+                error = [p.value - arm_m["xyz".index(name[-1])] for name, p in parameters.items()]
+                # of its own length, in the direction in which it points
+                off.append(float(np.linalg.norm(error) / np.linalg.norm(arm_m)))
+                sigmas += [abs(e) / p.std for e, p in zip(error, parameters.values(), strict=True)]
+        print(
+            f"| {noise} | {strength:.0e} | {found} of {len(seeds)} | off by at most {max(off, default=np.nan):.1%} of "
+            f"the arm, {max(sigmas, default=np.nan):.1f} standard deviations, {np.mean(np.array(sigmas) > 2.6):.0%} "
+            "of components beyond 2.6 |",
+            flush=True,
+        )
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=("sweep", "sizes", "nulls"))
+    parser.add_argument("what", choices=("sweep", "sizes", "nulls", "arms"))
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--first-seed", type=int, default=700)
     parser.add_argument("--noise", default="white", choices=(*NOISES, "all"))
@@ -326,6 +350,9 @@ def main() -> None:
     noises = NOISES if given.noise == "all" else (given.noise,)
     if given.what == "sweep":
         sweep(seeds, given.only, given.noise, given.strength, laws=not given.names_alone)
+    elif given.what == "arms":
+        for noise in noises:
+            arms(seeds, noise, given.strength, laws=not given.names_alone)
     elif given.what == "sizes":
         for strength in given.strength:
             for noise in noises:

@@ -15,6 +15,7 @@ from highside.diagnosis.rows.policy import GRAMS
 from highside.diagnosis.simulation.band import humps
 from highside.diagnosis.simulation.design import SimulationDesign
 from highside.diagnosis.simulation.independence import NoNoise, hidden_motions, no_noise
+from highside.diagnosis.simulation.turning import angular_acceleration, noise_of_rate
 from highside.report.diagnosis_words import verdict_words
 from studies import simulation_honesty as study
 
@@ -71,9 +72,36 @@ def test_no_noise_of_a_sensor_stands_out_of_its_own_spectrum(noise: str) -> None
 def test_a_lever_arm_whose_size_changes_has_not_that_name() -> None:
     constant = reported("lever_arm", 1e4)
     assert [(claim.effect, claim.stable) for claim in constant.claims] == [("lever_arm", True)]
+    # it was found 12 to 16 % too long: differences of neighbouring rows are smaller than the acceleration
+    per_unit = study.CASES["lever_arm"][0](motion := study.Motion(SEED), motion.at(study.T_S))
+    for name, arm_m in (("r_x", 1e-2), ("r_y", -4e-3), ("r_z", 6e-3)):
+        size, scaled = constant.claims[0].parameters[name], study.of_strength(per_unit, 1e4)
+        true = arm_m * float(np.linalg.norm(scaled) / np.linalg.norm(per_unit))
+        assert abs(size.value - true) < 3 * size.std
     changing = reported("lever_arm", 1e4, "step")
     assert "lever_arm" not in {claim.effect for claim in changing.claims}
     assert "lever_arm" in changing.remainder.changing
+
+
+def test_an_angular_acceleration_is_that_of_the_motion_and_not_of_the_noise() -> None:
+    """Beside a car's measured yaw rate an exact derivative was noise: neither arm nor centripetal term was found."""
+    rng, step_s, raw_hz = np.random.default_rng(4), 0.05, 100.0
+    raw_s, grid_s = np.arange(0.0, 60.0, 1 / raw_hz), np.arange(0.0, 60.0, step_s)
+    turns = [(hz, rng.uniform(0, 6)) for hz in (0.3, 0.7, 4.0)]
+
+    def rate(t_s: study.Array, derived: int) -> study.Array:
+        waves = [(2 * np.pi * f) ** derived * np.sin(2 * np.pi * f * t_s + p + derived * np.pi / 2) for f, p in turns]
+        return np.asarray(waves[0] + waves[1] + 0.02 * waves[2])
+
+    quiet = angular_acceleration(rate(grid_s, 0), step_s, noise_of_rate(raw_s, rate(raw_s, 0), 8.0))
+    inner = slice(20, -20)
+    assert np.std((quiet - rate(grid_s, 1))[inner]) < 0.01 * np.std(rate(grid_s, 1))
+    noise = 0.1 * rng.standard_normal(raw_s.size)
+    density = noise_of_rate(raw_s, rate(raw_s, 0) + noise, 8.0)
+    assert density == pytest.approx(2 * 0.1**2 / raw_hz, rel=0.3)
+    loud = rate(grid_s, 0) + noise[:: round(step_s * raw_hz)] * np.sqrt(2 * 8.0 / raw_hz)
+    off = angular_acceleration(loud, step_s, density) - rate(grid_s, 1)
+    assert np.std(off[inner]) < 0.5 * np.std((angular_acceleration(loud, step_s, 0.0) - rate(grid_s, 1))[inner])
 
 
 def test_what_one_stretch_alone_shows_is_not_extrapolated_from_the_others() -> None:

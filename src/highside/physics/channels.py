@@ -83,6 +83,8 @@ class Channels:
     """(n,) what a unit step becomes in these rows, so many seconds after the first of them"""
     in_time: int = 0
     """the channel by which the clock is told, where each has a delay of its own"""
+    angular: Mapping[str, AnyArray] = field(default_factory=dict)
+    """{axis: (n,) rad/s2} how fast the rates change"""
 
     @property
     def n(self) -> int:
@@ -156,6 +158,12 @@ class Channels:
 def lagged(values: AnyArray, step_s: float, tau: float) -> AnyArray:
     """(n,) what a first-order lag changes, for each second of its time constant."""
     return np.asarray((_through(values, step_s, lambda w: 1 / (1 + 1j * w * tau)) - values) / tau)
+
+
+def changing(values: AnyArray, step_s: float, share: Callable[[Any], Any] = np.ones_like) -> AnyArray:
+    """(n,) change per second, of each frequency, Hz, so much as `share` says. Of what has four rows a period a
+    difference of neighbours would show 64 %."""
+    return _through(values, step_s, lambda w: 1j * w * share(w / (2 * np.pi)))
 
 
 def _through(values: AnyArray, step_s: float, response: Callable[[Any], Any]) -> AnyArray:

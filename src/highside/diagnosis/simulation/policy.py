@@ -301,6 +301,30 @@ class SimulationSessionsPolicy:
 SIMULATION_SESSIONS = SimulationSessionsPolicy()
 
 
+@dataclass(frozen=True)
+class TurningPolicy:
+    """Angular accelerations from rates that have noise."""
+
+    segment: int = 1024
+    """Rows of a segment of a spectrum, at most. Source: as `BandPolicy.longest`."""
+    highest: float = 0.8
+    """Share of half of the rate of rows up to which noise is looked for. Source: rows that are not evenly spaced are
+    put on a grid by straight lines, which take of the noise above."""
+    lowest: float = 0.5
+    """Share of half of the rate of rows from which it is looked for where the band that is compared goes further.
+    Source: chosen."""
+    bands: int = 4
+    """Bands of which the quietest is taken for noise. Source: chosen; the skirt of a motion that ends at the band is
+    in the lowest of them."""
+    smooth_hz: float = 0.25
+    """Hz to either side over which a spectrum is averaged. Source: chosen; 24 ordinates of a minute."""
+    rounding: float = 1e-3
+    """Share of the noise that is the least level of a spectrum. Source: a definition: far below it nothing is left."""
+
+
+TURNING = TurningPolicy()
+
+
 SIMULATION = ProblemPolicy(
     named_share=0.93,
     interaction_margin=4.0,

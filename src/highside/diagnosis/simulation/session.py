@@ -20,6 +20,8 @@ from highside.diagnosis.rows.policy import GRAMS
 from highside.diagnosis.rows.session import RotationSession
 from highside.diagnosis.simulation.alignment import Align, Alignment, align, filled, in_gap, usual_rate
 from highside.diagnosis.simulation.policy import SIMULATION_SESSIONS
+from highside.diagnosis.simulation.prediction import Prediction, at_ends, is_low_passed, settled_s
+from highside.diagnosis.simulation.turning import angular_acceleration, noise_of_rate
 from highside.errors import InputError
 from highside.physics.channels import Channels
 from highside.physics.effects.clock_skew import EFFECT as CLOCK_SKEW
@@ -27,7 +29,7 @@ from highside.physics.effects.time_offset import EFFECT as TIME_OFFSET
 from highside.physics.state import ChainState
 
 if TYPE_CHECKING:
-    from scipy.interpolate import CubicSpline
+    pass
 
 UNITS = {
     "g": "g",
@@ -48,30 +50,6 @@ SPEED = "speed_mps"
 
 OFFSET, SKEW = TIME_OFFSET.id, CLOCK_SKEW.id
 """The effects that move the clock of the prediction."""
-
-
-@dataclass(frozen=True)
-class Prediction:
-    """What is predicted at any time: each channel's `curves` as far as the common band goes, and where it has gaps."""
-
-    curves: tuple[CubicSpline, ...]
-    t_s: Array
-    columns: tuple[Array, ...]
-    longest_s: float
-    settled_s: float
-    """from either end; before, a low-pass shows what it was begun with"""
-
-    def at(self, t_s: Array) -> Array:
-        """(C, n)."""
-        return np.stack([curve(t_s) for curve in self.curves])
-
-    def slope(self, t_s: Array) -> Array:
-        """(C, n) change per second."""
-        return np.stack([curve(t_s, 1) for curve in self.curves])
-
-    def lost(self, t_s: Array) -> NDArray[np.bool_]:
-        """(n,) whether there is none."""
-        return in_gap(t_s, self.t_s, self.columns, self.longest_s) | _at_ends(t_s, self.t_s, self.settled_s)
 
 
 @dataclass(frozen=True)
@@ -98,6 +76,8 @@ class SimulationSession(RotationSession):
     """whether the grid is coarser than the rows of the recording, which were low-passed for it"""
     always_lost: NDArray[np.bool_] | None = None
     """(n,) rows left out wherever the clock is moved"""
+    rate_noise: Mapping[str, float] = field(default_factory=dict)
+    """{axis: (rad/s)^2 / Hz} of the noise of the rates"""
 
     @property
     def shortest_block_s(self) -> float:
@@ -163,6 +143,10 @@ class SimulationSession(RotationSession):
             self.predicted_later,
             self.risen,
             self.alignment.in_time(self.names),
+            {
+                axis: angular_acceleration(r, self.step_s, self.rate_noise.get(axis, 0.0))
+                for axis, r in self.rates.items()
+            },
         )
 
     def risen(self, since_s: float) -> Array:
@@ -226,7 +210,7 @@ def simulation_session(
         # whole turns apart is not apart
         measured[c] -= 360.0 * np.round(np.median(measured[c] - model[c]) / 360.0)
     missing = in_gap(grid, t_s, [side[n] for n in names], longest) | prediction.lost(grid)
-    lost = _smeared(missing | _at_ends(grid, t_s, _settled_s(t_s, band_hz, raw_hz)), SIMULATION_SESSIONS.band)
+    lost = _smeared(missing | at_ends(grid, t_s, settled_s(t_s, band_hz, raw_hz)), SIMULATION_SESSIONS.band)
     # a covariate that is a channel itself is taken as predicted: the recorded one would explain itself
     covariates = {
         name: model[names.index(name)] if name in names else sampled(t_s, columns[name])
@@ -234,6 +218,8 @@ def simulation_session(
         if name in names or _recorded(columns, name)
     }
     rates = {name[1]: np.radians(covariates[name]) for name in RATES if name in covariates}
+    own = {n: (t_sim, side_sim[n]) if n in names else (t_s, columns[n]) for n in RATES if n in covariates}
+    rate_noise = {n[1]: noise_of_rate(times, np.radians(values), band_hz) for n, (times, values) in own.items()}
     temp = sampled(t_s, columns["temp_c"]) if _recorded(columns, "temp_c") else SIMULATION_SESSIONS.room_c
     nothing = np.zeros(grid.size)
     state = ChainState.build(
@@ -252,8 +238,9 @@ def simulation_session(
         found,
         band_hz,
         prediction,
-        low_passed=_is_low_passed(t_s, band_hz, raw_hz),
+        low_passed=is_low_passed(t_s, band_hz, raw_hz),
         always_lost=omitted,
+        rate_noise=rate_noise,
     )
 
 
@@ -326,24 +313,7 @@ def _prediction(t_s: Array, columns: Sequence[Array], band_hz: float, raw_hz: fl
 
     times, rows = zip(*(_smoothed(t_s, values, band_hz, raw_hz) for values in columns), strict=True)
     curves = tuple(CubicSpline(at, row) for at, row in zip(times, rows, strict=True))
-    return Prediction(curves, t_s, tuple(columns), longest_s, _settled_s(t_s, band_hz, raw_hz))
-
-
-def _is_low_passed(t_s: Array, band_hz: float, raw_hz: float) -> bool:
-    """Whether a side of these times (N,) is low-passed for a grid of that band."""
-    return bool(band_hz < SIMULATION_SESSIONS.no_filter * max(usual_rate(t_s), raw_hz))
-
-
-def _settled_s(t_s: Array, band_hz: float, raw_hz: float) -> float:
-    """How far from the ends of a side of times (N,) its low-pass has forgotten what it was begun with."""
-    return SIMULATION_SESSIONS.settled / band_hz if _is_low_passed(t_s, band_hz, raw_hz) else 0.0
-
-
-def _at_ends(grid: Array, t_s: Array, settled_s: float) -> NDArray[np.bool_]:
-    """(n,) whether times of the grid lie nearer than that to an end of times (N,)."""
-    if settled_s == 0.0:
-        return np.zeros(grid.size, dtype=bool)
-    return np.asarray((grid < t_s[0] + settled_s) | (grid > t_s[-1] - settled_s))
+    return Prediction(curves, t_s, tuple(columns), longest_s, settled_s(t_s, band_hz, raw_hz))
 
 
 def _refuse_copies(names: tuple[str, ...], measured: Array, model: Array) -> None:
@@ -416,7 +386,7 @@ def _smoothed(t_s: Array, values: Array, band_hz: float, raw_hz: float) -> tuple
     from scipy.signal import butter, sosfiltfilt
 
     own_hz = max(usual_rate(t_s), raw_hz)
-    if not _is_low_passed(t_s, band_hz, raw_hz):
+    if not is_low_passed(t_s, band_hz, raw_hz):
         times = t_s[np.diff(t_s, prepend=-np.inf) > SIMULATION_SESSIONS.apart / own_hz]
         return times, filled(times, t_s, values)
     times = np.arange(t_s[0], t_s[-1], 1 / own_hz)
@@ -440,7 +410,7 @@ def _sampled(grid: Array, t_s: Array, values: Array, band_hz: float, raw_hz: flo
     from scipy.interpolate import CubicSpline
 
     times, smooth = _smoothed(t_s, values, band_hz, raw_hz)
-    if not _is_low_passed(t_s, band_hz, raw_hz):
+    if not is_low_passed(t_s, band_hz, raw_hz):
         # noise and all: a curve would swing between rows that are near one another
         return np.asarray(np.interp(grid, times, smooth))
     return np.asarray(CubicSpline(times, smooth)(grid))

@@ -47,11 +47,11 @@ class LeverArm(LinearEffect):
     def on_channels(self, data: Channels) -> Sequence[ChannelTerm]:
         # here all three rates may be known, and the point of which the motion is predicted may be anywhere
         axes = data.accel_axes()
-        if not axes or not data.rates:
+        if not axes or not data.rates or not data.angular:
             return ()
         nothing = np.zeros(data.n)
         rate = np.stack([data.rates.get(axis, nothing) for axis in AXES])
-        angular = np.gradient(rate, data.step_s, axis=1)
+        angular = np.stack([data.angular.get(axis, nothing) for axis in AXES])
         arms = np.zeros((3, len(data.names), data.n))
         for k in range(3):
             unit = np.zeros((3, 1))

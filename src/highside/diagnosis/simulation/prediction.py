@@ -1,0 +1,57 @@
+"""What another program predicts, at any time: curves as far as the band that is compared goes, and where they end."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from highside.arrays import Array
+from highside.diagnosis.simulation.alignment import in_gap, usual_rate
+from highside.diagnosis.simulation.policy import SIMULATION_SESSIONS
+
+if TYPE_CHECKING:
+    from scipy.interpolate import CubicSpline
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """What is predicted at any time: each channel's `curves` as far as the common band goes, and where it has gaps."""
+
+    curves: tuple[CubicSpline, ...]
+    t_s: Array
+    columns: tuple[Array, ...]
+    longest_s: float
+    settled_s: float
+    """from either end; before, a low-pass shows what it was begun with"""
+
+    def at(self, t_s: Array) -> Array:
+        """(C, n)."""
+        return np.stack([curve(t_s) for curve in self.curves])
+
+    def slope(self, t_s: Array) -> Array:
+        """(C, n) change per second."""
+        return np.stack([curve(t_s, 1) for curve in self.curves])
+
+    def lost(self, t_s: Array) -> NDArray[np.bool_]:
+        """(n,) whether there is none."""
+        return in_gap(t_s, self.t_s, self.columns, self.longest_s) | at_ends(t_s, self.t_s, self.settled_s)
+
+
+def is_low_passed(t_s: Array, band_hz: float, raw_hz: float) -> bool:
+    """Whether a side of these times (N,) is low-passed for a grid of that band."""
+    return bool(band_hz < SIMULATION_SESSIONS.no_filter * max(usual_rate(t_s), raw_hz))
+
+
+def settled_s(t_s: Array, band_hz: float, raw_hz: float) -> float:
+    """How far from the ends of a side of times (N,) its low-pass has forgotten what it was begun with."""
+    return SIMULATION_SESSIONS.settled / band_hz if is_low_passed(t_s, band_hz, raw_hz) else 0.0
+
+
+def at_ends(grid: Array, t_s: Array, settled_s: float) -> NDArray[np.bool_]:
+    """(n,) whether times of the grid lie nearer than that to an end of times (N,)."""
+    if settled_s == 0.0:
+        return np.zeros(grid.size, dtype=bool)
+    return np.asarray((grid < t_s[0] + settled_s) | (grid > t_s[-1] - settled_s))
