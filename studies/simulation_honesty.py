@@ -327,9 +327,10 @@ def arms(seeds: Sequence[int], noise: str, decades: Sequence[float], *, laws: bo
                 # of its own length, in the direction in which it points
                 off.append(float(np.linalg.norm(error) / np.linalg.norm(arm_m)))
                 sigmas += [abs(e) / p.std for e, p in zip(error, parameters.values(), strict=True)]
+        beyond = float(np.mean(np.array(sigmas or [0.0]) > 2.6))
         print(
             f"| {noise} | {strength:.0e} | {found} of {len(seeds)} | off by at most {max(off, default=np.nan):.1%} of "
-            f"the arm, {max(sigmas, default=np.nan):.1f} standard deviations, {np.mean(np.array(sigmas) > 2.6):.0%} "
+            f"the arm, {max(sigmas, default=np.nan):.1f} standard deviations, {beyond:.0%} "
             "of components beyond 2.6 |",
             flush=True,
         )

@@ -83,6 +83,15 @@ def test_a_lever_arm_whose_size_changes_has_not_that_name() -> None:
     assert "lever_arm" in changing.remainder.changing
 
 
+def test_a_small_claim_that_a_product_does_as_well_withdraws_no_large_one() -> None:
+    """Beside a lever arm of strength 1e2 to 1e6 the noise of this seed looks like a square, or like a product."""
+    motion = study.Motion(822)
+    thrown = motion.thrown(np.random.default_rng(822).standard_normal(3))
+    added = study.of_strength(np.concatenate([thrown, np.zeros_like(thrown)]), 1e4)
+    found = study.reported(motion, added, "white", 822, laws=False)
+    assert [claim.effect for claim in found.claims] == ["lever_arm"]
+
+
 def test_an_angular_acceleration_is_that_of_the_motion_and_not_of_the_noise() -> None:
     """Beside a car's measured yaw rate an exact derivative was noise: neither arm nor centripetal term was found."""
     rng, step_s, raw_hz = np.random.default_rng(4), 0.05, 100.0

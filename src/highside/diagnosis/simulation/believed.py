@@ -11,11 +11,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Protocol
 
+import numpy as np
+
 from highside.diagnosis.core.candidate_set import Term
 from highside.diagnosis.core.candidates import Candidate
+from highside.diagnosis.core.memory import SlowEffect
 from highside.diagnosis.core.problem import SelectionState
 from highside.diagnosis.core.problem_policy import ProblemPolicy
-from highside.diagnosis.core.shares import gain_of
+from highside.diagnosis.core.rivals import rivalry
+from highside.diagnosis.core.shares import gain_of, shares_of
 from highside.diagnosis.rows.gram import Gram, RandomWalkGrams
 from highside.diagnosis.rows.noise import RotationNoise
 from highside.diagnosis.simulation.design import SimulationDesign
@@ -36,6 +40,7 @@ class Chosen(Protocol):
     def grams(self) -> list[Gram]: ...
     @property
     def random_walks(self) -> list[RandomWalkGrams]: ...
+    def slow(self) -> list[SlowEffect]: ...
 
 
 def more_than_remainders(
@@ -60,6 +65,30 @@ def more_than_remainders(
         to_the_noise = candidate.named and not delay and own > problem.policy.named_share * (beyond - without)
         if others and total - without < least * total and not to_the_noise:
             kept = others
+    return kept
+
+
+def without_doubtful(problem: Chosen, selection: SelectionState[RotationNoise], terms: Sequence[Term]) -> list[Term]:
+    """The terms without small ones that a product without a name does as well: such a one is no name, and no reason to
+    give none of the others."""
+    kept, lost = list(terms), 0.0
+    slow = {s.candidate for s in problem.slow()}
+    unnamed = np.array([not c.named for c in problem.candidates])
+    while len(kept) > 1:
+        weights = shares_of(selection.selector, kept)
+        doubtful = [
+            (float(w), m)
+            for w, m in zip(weights, kept, strict=True)
+            if m.candidate not in slow
+            and problem.candidates[m.candidate].named
+            and lost + float(w) <= 1.0 - problem.policy.named_share
+            and np.any(rivalry(selection.selector, kept, m).delta_bic[unnamed] < problem.policy.interaction_margin)
+        ]
+        if not doubtful:
+            break
+        share, term = min(doubtful, key=lambda one: one[0])
+        lost += share
+        kept = [m for m in kept if m != term]
     return kept
 
 

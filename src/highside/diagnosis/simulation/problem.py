@@ -30,7 +30,7 @@ from highside.diagnosis.rows.noise import RotationNoise, estimate
 from highside.diagnosis.rows.problem import RowsProblem, RowsSelectionState
 from highside.diagnosis.rows.segments import Key
 from highside.diagnosis.simulation.activity import by_activity
-from highside.diagnosis.simulation.believed import more_than_remainders
+from highside.diagnosis.simulation.believed import more_than_remainders, without_doubtful
 from highside.diagnosis.simulation.clock_or_filter import better_than, without_filter
 from highside.diagnosis.simulation.constancy import stability_beside, steady_terms
 from highside.diagnosis.simulation.constants import with_constants
@@ -174,7 +174,7 @@ class SimulationProblem(RowsProblem):
 
     def believed(self, selection: SelectionState[RotationNoise], terms: list[Term]) -> list[Term]:
         terms = [m for m in terms if not self._within_memory(selection.noise, m, terms)]
-        return more_than_remainders(self, selection, terms)
+        return without_doubtful(self, selection, more_than_remainders(self, selection, terms))
 
     def _within_memory(self, noise: RotationNoise, term: Term, terms: Sequence[Term]) -> bool:
         """Whether an offset is no larger than the mean of a level, walking or forgetful, as large as the noise may

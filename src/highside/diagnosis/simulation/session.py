@@ -211,15 +211,10 @@ def simulation_session(
         measured[c] -= 360.0 * np.round(np.median(measured[c] - model[c]) / 360.0)
     missing = in_gap(grid, t_s, [side[n] for n in names], longest) | prediction.lost(grid)
     lost = _smeared(missing | at_ends(grid, t_s, settled_s(t_s, band_hz, raw_hz)), SIMULATION_SESSIONS.band)
+    own = dict(zip(names, model, strict=True))
     # a covariate that is a channel itself is taken as predicted: the recorded one would explain itself
-    covariates = {
-        name: model[names.index(name)] if name in names else sampled(t_s, columns[name])
-        for name in (*RATES, SPEED)
-        if name in names or _recorded(columns, name)
-    }
+    covariates = {n: own[n] if n in own else sampled(t_s, columns[n]) for n in _covariates(names, columns)}
     rates = {name[1]: np.radians(covariates[name]) for name in RATES if name in covariates}
-    own = {n: (t_sim, side_sim[n]) if n in names else (t_s, columns[n]) for n in RATES if n in covariates}
-    rate_noise = {n[1]: noise_of_rate(times, np.radians(values), band_hz) for n, (times, values) in own.items()}
     temp = sampled(t_s, columns["temp_c"]) if _recorded(columns, "temp_c") else SIMULATION_SESSIONS.room_c
     nothing = np.zeros(grid.size)
     state = ChainState.build(
@@ -240,8 +235,27 @@ def simulation_session(
         prediction,
         low_passed=is_low_passed(t_s, band_hz, raw_hz),
         always_lost=omitted,
-        rate_noise=rate_noise,
+        rate_noise=_noise_of_rates(covariates, (t_s, columns), (t_sim, side_sim), band_hz),
     )
+
+
+def _covariates(names: Sequence[str], columns: Mapping[str, Array]) -> list[str]:
+    """Rates and speed, as far as they are channels or were recorded."""
+    return [name for name in (*RATES, SPEED) if name in names or _recorded(columns, name)]
+
+
+def _noise_of_rates(
+    covariates: Mapping[str, Array],
+    recorded: tuple[Array, Mapping[str, Array]],
+    predicted: tuple[Array, Mapping[str, Array]],
+    band_hz: float,
+) -> dict[str, float]:
+    """{axis: (rad/s)^2 / Hz} of the rates among the covariates: of the prediction where they are channels."""
+    found = {}
+    for name in (name for name in RATES if name in covariates):
+        t_s, columns = predicted if name in predicted[1] else recorded
+        found[name[1]] = noise_of_rate(t_s, np.radians(columns[name]), band_hz)
+    return found
 
 
 def _require_rising(t_s: Array, what: str) -> None:
