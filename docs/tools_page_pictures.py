@@ -1,6 +1,7 @@
-"""Draws docs/tools-page.png: a tool's page of `highside serve`, from a real broker, a real service and a real browser.
+"""Draws docs/tools-page.png: a tool's page of `highside serve`, from a real broker, a real service and a real browser;
+the tool is calibrated, and its calibration is watched.
 
-    python docs/tools_page_pictures.py [--seconds 90]
+    python docs/tools_page_pictures.py [--seconds 240]
 
 Needs mosquitto, chromium and the extra `web`.
 """
@@ -11,21 +12,33 @@ import argparse
 import asyncio
 import sys
 import tempfile
+import time
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "integration"))
+ROOT = Path(__file__).resolve().parents[1]
+sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "integration")]
 
-from bench_page import HIGHSIDE, chromium
-from broker import Mosquitto
-from test_tools_page import listed, serve
+from bench_page import HIGHSIDE, chromium  # noqa: E402
+from broker import Mosquitto  # noqa: E402
+from test_tools_page import listed, serve  # noqa: E402
+
+import highside  # noqa: E402
+from highside.link.device import DeviceSettings, SimulatedDevice  # noqa: E402
+from highside.link.tcp_wire import local_wire  # noqa: E402
+from highside.physics.motion import Leg, Motion  # noqa: E402
+from highside.recording.calibration_store import CalibrationStore  # noqa: E402
+from tests.unit.watch_frames import poses_of_a_good_tool  # noqa: E402
 
 TOOL = """
 [tool]
 id = "tool-7"
 [link]
-kind = "simulated"
+kind = "serial"
+port = "{tool}"
 [codec]
 name = "tool"
+[calibration]
+store = "{store}"
 [survey]
 still_s = 5.0
 [mqtt]
@@ -33,6 +46,8 @@ port = {port}
 [service]
 state_dir = "{state}"
 """
+STANDS = tuple(leg for inclination in (30.0, 60.0, 5.0) for leg in (Leg(35.0), Leg(4.0, inclination, turn_deg=130.0)))
+"""Rests as long as the watch asks for, between turns to another attitude."""
 
 
 async def picture(target: Path, seconds: float) -> None:
@@ -42,8 +57,17 @@ async def picture(target: Path, seconds: float) -> None:
         broker = Mosquitto(folder / "broker")
         broker.start()
         (folder / "state").mkdir()
+        calibration = highside.calibrate(poses_of_a_good_tool(1), "joint", tool="tool-7", temp_c=25.0)
+        CalibrationStore(folder / "store").activate(calibration.record, now_s=time.time() - 3600.0)
+        tool = SimulatedDevice(
+            DeviceSettings(motion=Motion(STANDS, inclination_deg=5.0, toolface_deg=30.0)), local_wire()
+        )
+        tool.plug()
+        tool.start()
         config = folder / "tool.toml"
-        config.write_text(TOOL.format(port=broker.port, state=folder / "state"))
+        config.write_text(
+            TOOL.format(port=broker.port, state=folder / "state", store=folder / "store", tool=tool.address)
+        )
         service = await asyncio.create_subprocess_exec(
             HIGHSIDE, "run", "--config", config, stderr=asyncio.subprocess.DEVNULL
         )
@@ -62,10 +86,11 @@ async def picture(target: Path, seconds: float) -> None:
         finally:
             service.terminate()
             await service.wait()
+            tool.stop()
             broker.stop()
 
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seconds", type=float, default=90.0)
+    parser.add_argument("--seconds", type=float, default=240.0)
     asyncio.run(picture(Path(__file__).with_name("tools-page.png"), parser.parse_args().seconds))
