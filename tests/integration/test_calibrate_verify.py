@@ -122,7 +122,7 @@ def test_a_session_at_many_inclinations_is_no_roll_test(session: tuple[Path, Pat
     [
         (["--limit-inc-deg", "0.1"], "--limit-tf-deg: is missing"),
         (["--limit-inc-deg", "-1", "--limit-tf-deg", "1"], "is no limit"),
-        (["--limit-inc-deg", "0.1", "--limit-tf-deg", "1", "--tilt-sigma-deg", "nan"], "no standard deviation"),
+        (["--limit-inc-deg", "0.1", "--limit-tf-deg", "1", "--tilt-sigma-deg", "-1"], "no standard deviation"),
     ],
 )
 def test_wrong_usage_is_one_line(session: tuple[Path, Path], more: list[str], said: str) -> None:

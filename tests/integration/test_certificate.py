@@ -273,3 +273,7 @@ def test_a_fields_file_that_is_wrong_is_named(tmp_path: Path) -> None:
     wrong.write_text('[issue]\nlaboratry = "x"\n')
     with pytest.raises(InputError, match="laborat"):
         load_certificate_fields(wrong)
+    # its square is beyond all numbers
+    wrong.write_text("[bench]\ninc_expanded_deg = 1e200\n[environment]\ntemp_c = [22.5, 1e300]\n")
+    with pytest.raises(InputError, match=r"bench.inc_expanded_deg: .*environment.temp_c.1: "):
+        load_certificate_fields(wrong)

@@ -77,7 +77,7 @@ def commands(app: typer.Typer) -> Iterator[Any]:
 
 
 def test_every_command_that_names_an_output_is_guarded() -> None:
-    guarded = {command.__name__ for command in commands(app_of()) if hasattr(command, "__wrapped__")}
+    guarded = {command.__name__ for command in commands(app_of()) if hasattr(command, overwriting.GUARDED)}
     written = {
         command.__name__ for command in commands(app_of()) if dict(overwriting._outputs(inspect.unwrap(command)))
     }

@@ -70,6 +70,14 @@ def calibration(simulation: highside.Simulation) -> highside.Calibration:
     return highside.calibrate(simulation.poses, tool="HS-7", pose_sigma_deg=0.01)
 
 
+@pytest.mark.parametrize(("argument", "value"), [("pose_sigma_deg", 1e-300), ("expires_days", 1e17)])
+def test_a_setting_or_an_expiry_beyond_reason_is_refused(
+    simulation: highside.Simulation, argument: str, value: float
+) -> None:
+    with pytest.raises(InputError, match=argument):
+        highside.calibrate(simulation.poses, **{argument: value})
+
+
 @pytest.fixture(scope="module")
 def turning() -> highside.Recording:
     return highside.simulate(TURNING, seed=3).recording

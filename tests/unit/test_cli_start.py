@@ -136,6 +136,40 @@ def test_the_shell_is_reported_how_a_command_goes_on() -> None:
     assert done.stdout.split() == ["calibrate"]
 
 
+@pytest.mark.parametrize("number", ["nan", "-inf"])
+@pytest.mark.parametrize(
+    ("asked", "option"),
+    [
+        ("calibrate poses x.csv -o y.csv", "--window-s"),
+        ("calibrate solve x.csv --method joint -o y.json", "--expires-days"),
+        ("rotation fit x.csv --method sine -o y.json", "--inclination-deg"),
+        ("diagnose x.csv", "--from"),
+        ("surveys list x.jsonl", "--sensor-offset-m"),
+    ],
+)
+def test_an_option_that_is_no_number_is_refused_before_a_command_begins(
+    asked: str, option: str, number: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert commands.run([*asked.split(), f"{option}={number}"]) == 2
+    assert option in (said := capsys.readouterr().err)
+    assert said.count("\n") == 1
+
+
+@pytest.mark.parametrize("option", ["--azimuth-std-deg", "--gyro-arw", "--gyro-rrw", "--gyro-bias-std"])
+def test_an_uncertainty_beyond_reason_is_wrong_usage(option: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert commands.run(["drift", "x.csv", "--method", "kinematic", "-o", "y.csv", f"{option}=1e17"]) == 2
+    assert option in capsys.readouterr().err
+
+
+def test_a_reading_beyond_reason_prints_no_lines_of_this_program(tmp_path: Path) -> None:
+    rows = "".join(f"{0.1 * i},{'1e300' if i == 30 else 0.5},0.1,0.86\n" for i in range(100))
+    (tmp_path / "r.csv").write_text("t_s,ax_g,ay_g,az_g\n" + rows)
+    asked = [HIGHSIDE, "calibrate", "poses", "r.csv", "-o", "p.csv"]
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONWARNINGS"}
+    done = subprocess.run(asked, capture_output=True, text=True, cwd=tmp_path, env=environment, timeout=60)
+    assert "Warning" not in done.stderr, done.stderr
+
+
 @pytest.mark.parametrize("asked", [["schema"], ["effects"], ["examples"]])
 def test_an_output_onto_a_full_disk_is_one_line_and_exit_status_2(asked: list[str]) -> None:
     with Path("/dev/full").open("w") as full:

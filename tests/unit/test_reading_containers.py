@@ -469,3 +469,9 @@ def test_a_page_that_is_longer_than_the_metadata_say_is_not_unpacked(
         parquet_columns(data, where="long.parquet")
     with pytest.raises(InputError, match="has a row group of 268"):
         RowGroups.of(path)
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="a file that cannot be read at its beginning")
+def test_a_disk_that_fails_is_said_of_the_file_that_was_read() -> None:
+    with pytest.raises(InputError, match="/proc/self/mem: cannot be read: Input/output error"):
+        RowGroups.of(Path("/proc/self/mem"))

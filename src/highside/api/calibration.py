@@ -49,6 +49,10 @@ __all__ = ["Calibration", "CorrectedReadings", "calibrate", "find_poses", "read_
 DAY_S = 86400.0
 LARGEST_POSE_SIGMA_DEG = 10.0
 """a standard deviation of a setting from which on it is no bench: 2,000 times that of a rotary table"""
+SMALLEST_POSE_SIGMA_DEG = 1e-6
+"""a setting that is more certain is of no bench: a five-thousandth of that of a rotary table"""
+LONGEST_DAYS = 36_525.0
+"""until a record expires: a century. The largest number would be no date."""
 GRAVITY_MPS2 = (9.7, 9.9)
 """between these lies gravity anywhere on the Earth, from its highest mountains to its deepest mines"""
 
@@ -173,12 +177,12 @@ def _record(
 
 def _require_arguments(pose_sigma_deg: float, gravity_mps2: float | None, expires_days: float | None) -> None:
     """Raises InputError for what cannot be."""
-    if not 0.0 < pose_sigma_deg < LARGEST_POSE_SIGMA_DEG:
+    if not SMALLEST_POSE_SIGMA_DEG <= pose_sigma_deg < LARGEST_POSE_SIGMA_DEG:
         raise InputError(f"{pose_sigma_deg:g} deg is not a bench", field="pose_sigma_deg")
     if gravity_mps2 is not None and not GRAVITY_MPS2[0] < gravity_mps2 < GRAVITY_MPS2[1]:
         raise InputError(f"{gravity_mps2:g} m/s2 is not on this earth", field="gravity_mps2", remedy="9.780 to 9.832")
-    if expires_days is not None and not expires_days > 0.0:
-        raise InputError("must be more than 0", field="expires_days")
+    if expires_days is not None and not 0.0 < expires_days <= LONGEST_DAYS:
+        raise InputError(f"must be more than 0, at most {LONGEST_DAYS:.0f}", field="expires_days")
 
 
 class SolverSource(NamedTuple):

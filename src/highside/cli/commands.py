@@ -9,12 +9,14 @@ from __future__ import annotations
 import errno
 import os
 import sys
+import warnings
 from importlib import import_module
 from typing import Any
 
 import typer
 
 from highside.cli import examples
+from highside.cli.finite import refuse_no_numbers
 from highside.cli.options import as_options, in_options
 from highside.cli.overwriting import refuse_own_inputs
 from highside.cli.say import echo
@@ -77,6 +79,7 @@ def app_of(only: str | None = None) -> typer.Typer:
             app.command(name)(found)
     examples.attach(app)
     refuse_own_inputs(app)
+    refuse_no_numbers(app)
     return app
 
 
@@ -131,8 +134,15 @@ _OF_THE_PLACE = _NO_ROOM | {errno.EACCES, errno.EPERM, errno.EROFS, errno.ENAMET
 """what a file system answers of a path that this user may not or cannot use, wherever it is asked"""
 
 
+_OF_ARITHMETIC = r"(overflow|underflow|invalid value|divide by zero) encountered"
+"""How numpy's warnings begin. They name lines of this program and no file, row or remedy: what becomes of a reading of
+1e300 is said by the answer."""
+
+
 def run(arguments: list[str]) -> int:
     """Do what the command line says; the exit status."""
+    if not sys.warnoptions and not os.environ.get("HIGHSIDE_DEBUG"):
+        warnings.filterwarnings("ignore", _OF_ARITHMETIC, RuntimeWarning)
     try:
         app = app_of(arguments[0] if arguments and arguments[0] in COMMANDS else None)
         return int(app(arguments, standalone_mode=False) or 0)

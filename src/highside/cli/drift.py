@@ -41,7 +41,7 @@ AzimuthDeg = Annotated[
     float | None, typer.Option("--azimuth-deg", help="Azimuth at the start, clockwise from true north.")
 ]
 AzimuthStdDeg = Annotated[
-    float, typer.Option("--azimuth-std-deg", min=0, help="Its standard deviation (kinematic, recursive).")
+    float, typer.Option("--azimuth-std-deg", min=0, max=90, help="Its standard deviation (kinematic, recursive).")
 ]
 Rest = Annotated[
     str | None,
@@ -71,10 +71,14 @@ ByHand = Annotated[
         "bounded. Else accelerations are vibration, which averages out.",
     ),
 ]
-Arw = Annotated[float, typer.Option("--gyro-arw", min=1e-6, help="Angle random walk of the gyros, deg/sqrt(h).")]
-Rrw = Annotated[float, typer.Option("--gyro-rrw", min=0, help="Rate random walk of the gyros, deg/h/sqrt(h).")]
+Arw = Annotated[
+    float, typer.Option("--gyro-arw", min=1e-6, max=100, help="Angle random walk of the gyros, deg/sqrt(h).")
+]
+Rrw = Annotated[
+    float, typer.Option("--gyro-rrw", min=0, max=1000, help="Rate random walk of the gyros, deg/h/sqrt(h).")
+]
 BiasStd = Annotated[
-    float, typer.Option("--gyro-bias-std", min=1e-3, help="Bias to be expected at power-up, deg/h, 1 sigma.")
+    float, typer.Option("--gyro-bias-std", min=1e-3, max=1e5, help="Bias to be expected at power-up, deg/h, 1 sigma.")
 ]
 
 

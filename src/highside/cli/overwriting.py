@@ -111,6 +111,8 @@ IRREPLACEABLE = {
     b"SQLite format 3\0": "a database",
 }
 """First bytes of a file -> what it is; no output of a command begins like this."""
+GUARDED = "guards_its_outputs"
+"""Attribute of a command that does."""
 JOURNAL = ".journal"
 """Ends the name of a session's journal, which begins like other JSON."""
 
@@ -121,7 +123,7 @@ def refuse_own_inputs(app: typer.Typer) -> None:
         assert group.typer_instance is not None
         refuse_own_inputs(group.typer_instance)
     for command in app.registered_commands:
-        if command.callback is not None and not hasattr(command.callback, "__wrapped__"):
+        if command.callback is not None and not hasattr(command.callback, GUARDED):
             command.callback = _guarded(command.callback)
 
 
@@ -158,7 +160,10 @@ def _guarded(function: Callable[..., Any]) -> Callable[..., Any]:
                     refuse_another_kind(file, of, option)
         return function(*args, **given)
 
-    return guarded if written else function
+    if not written:
+        return function
+    setattr(guarded, GUARDED, True)
+    return guarded
 
 
 def _irreplaceable(path: Path) -> str | None:

@@ -197,7 +197,7 @@ class BenchTable(ConfigTable):
     """What the record must say of the bench."""
 
     name: str | None = Field(default=None, max_length=100)
-    pose_sigma_deg: float = Field(default=0.0052, gt=0, lt=10, description="Standard deviation of one setting, deg.")
+    pose_sigma_deg: float = Field(default=0.0052, ge=1e-6, lt=10, description="Standard deviation of one setting, deg.")
     gravity_mps2: float | None = Field(default=None, gt=9.7, lt=9.9)
     gravity_std_mps2: float = Field(default=1e-4, ge=0)
     temp_c: Celsius | None = Field(default=None, description="Where the tool itself tells none.")
@@ -217,7 +217,7 @@ class StoreTable(ConfigTable):
 
     directory: Path = Field(default_factory=places.calibrations, description="The calibration store.")
     sessions: Path = Field(default_factory=places.sessions, description="The journals, one file a session.")
-    expires_days: float | None = Field(default=None, gt=0)
+    expires_days: float | None = Field(default=None, gt=0, le=36_525)
     signing_key: Path | None = Field(
         default=None, description="Private key of the laboratory (`highside keys new`): the record is signed with it."
     )

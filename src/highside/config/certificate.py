@@ -20,7 +20,12 @@ from highside.words import LANGUAGES, said_later
 
 Line = Annotated[str, Field(min_length=1, max_length=200)]
 Note = Annotated[str, Field(min_length=1, max_length=2000)]
-Positive = Annotated[float, Field(gt=0)]
+Degrees = Annotated[float, Field(gt=0, le=180)]
+Celsius = Annotated[float, Field(gt=0, le=1000)]
+RoomC = Annotated[float, Field(ge=-100, le=1000)]
+Percent = Annotated[float, Field(ge=0, le=100)]
+Hectopascal = Annotated[float, Field(ge=0, le=10_000)]
+G = Annotated[float, Field(gt=0, le=100)]
 
 
 class IssueTable(ConfigTable):
@@ -73,22 +78,22 @@ class ReferenceInstrument(ConfigTable):
 class BenchReference(ReferenceInstrument):
     """The turntable."""
 
-    inc_expanded_deg: Positive | None = Field(default=None, description="U (k = 2) of a setting of inclination.")
-    tf_expanded_deg: Positive | None = Field(default=None, description="U (k = 2) of a setting of toolface.")
+    inc_expanded_deg: Degrees | None = Field(default=None, description="U (k = 2) of a setting of inclination.")
+    tf_expanded_deg: Degrees | None = Field(default=None, description="U (k = 2) of a setting of toolface.")
 
 
 class Thermometer(ReferenceInstrument):
     """The thermometer."""
 
-    expanded_c: Positive | None = Field(default=None, description="U (k = 2) of a temperature.")
+    expanded_c: Celsius | None = Field(default=None, description="U (k = 2) of a temperature.")
 
 
 class EnvironmentTable(ConfigTable):
     """The room."""
 
-    temp_c: tuple[float, float] | None = Field(default=None, description="Lowest and highest.")
-    humidity_percent: tuple[float, float] | None = None
-    pressure_hpa: tuple[float, float] | None = None
+    temp_c: tuple[RoomC, RoomC] | None = Field(default=None, description="Lowest and highest.")
+    humidity_percent: tuple[Percent, Percent] | None = None
+    pressure_hpa: tuple[Hectopascal, Hectopascal] | None = None
     remark: Note | None = None
 
 
@@ -96,15 +101,13 @@ class UseTable(ConfigTable):
     """How the item is used, where the uncertainty of an indication depends on it. Absent: omitted, and stated so."""
 
     readings: int = Field(default=1, ge=1, description="Readings averaged for one indication.")
-    toolface_zero_deg: Positive | None = Field(default=None, description="Standard deviation of the toolface zero.")
-    turn_on_g: Positive | None = Field(
-        default=None, description="Repeatability of the offset from power-up to power-up."
-    )
-    step_g: Positive | None = Field(default=None, description="Resolution of a reading.")
-    offset_g_per_c: Positive | None = Field(
+    toolface_zero_deg: Degrees | None = Field(default=None, description="Standard deviation of the toolface zero.")
+    turn_on_g: G | None = Field(default=None, description="Repeatability of the offset from power-up to power-up.")
+    step_g: G | None = Field(default=None, description="Resolution of a reading.")
+    offset_g_per_c: G | None = Field(
         default=None, description="Change of offset with temperature, where the record does not hold it."
     )
-    temp_half_width_c: Positive | None = Field(
+    temp_half_width_c: Celsius | None = Field(
         default=None, description="With offset_g_per_c: use within this much of the calibration's temperature."
     )
 
@@ -112,8 +115,8 @@ class UseTable(ConfigTable):
 class DecisionTable(ConfigTable):
     """Limits of error that the item is judged by."""
 
-    limit_inc_deg: Positive
-    limit_tf_deg: Positive
+    limit_inc_deg: Degrees
+    limit_tf_deg: Degrees
     agreed_with: Line | None = Field(default=None, description="Who agreed to limits and decision rule.")
 
 

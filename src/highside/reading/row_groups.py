@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from highside.errors import InputError
 from highside.reading.columnar import PARQUET_MAGIC, column_of_arrow
-from highside.reading.files import open_file
+from highside.reading.files import open_file, unreadable
 from highside.reading.parquet_size import group_bytes
 from highside.reading.table import MAX_COLUMNS
 
@@ -40,9 +40,12 @@ class RowGroups:
     def of(cls, path: Path) -> RowGroups | None:
         """None for a file that is not Parquet, or where pyarrow is not installed. Raises InputError for one that is
         damaged, or whose row groups are too large."""
-        with open_file(path) as file:
-            if file.read(len(PARQUET_MAGIC)) != PARQUET_MAGIC:
-                return None
+        try:
+            with open_file(path) as file:
+                if file.read(len(PARQUET_MAGIC)) != PARQUET_MAGIC:
+                    return None
+        except OSError as error:
+            raise unreadable(path, error) from None
         try:
             parquet = importlib.import_module("pyarrow.parquet")
         except ImportError:
