@@ -19,7 +19,7 @@ from highside.diagnosis.core.result import Claim, DiagnosisResult, Fit, Location
 from highside.diagnosis.core.unexplained import hinted
 from highside.diagnosis.identified_noise import with_identified_noise
 from highside.diagnosis.law_sessions import LawSession, linear
-from highside.diagnosis.laws.claims import ReportedLaw, cases_of_laws, heldout_of, reported_laws
+from highside.diagnosis.laws.claims import ReportedLaw, cases_of_laws, heldout_of, proved, reported_laws
 from highside.diagnosis.laws.effects import EffectGroup
 from highside.diagnosis.laws.free_rivals import as_rivals, with_free_rivals
 from highside.diagnosis.laws.groups import groups_of
@@ -287,8 +287,9 @@ def _chosen(
     names = [c for c in claims if c.effect in staying]
     if found is not chosen:
         names += [c for c in names_of(found, model) if c.effect not in staying]
-    laws = tuple(reported_laws(found, model.ids))
-    return _Outcome(with_free_rivals(names, found), laws, found, renamed=found is not chosen)
+    left = proved(found)
+    laws = tuple(reported_laws(left, model.ids))
+    return _Outcome(with_free_rivals(names, left), laws, left, renamed=found is not chosen)
 
 
 def _alone(
@@ -319,7 +320,7 @@ def _alone(
         found = search.run()
     if not found.terms:
         return _Outcome((), (), found)
-    found = with_names_instead(session, model, found, offered, refused)
+    found = proved(with_names_instead(session, model, found, offered, refused))
     names = names_of(found, model)
     outside = frozenset(claim.effect for claim in names if implausible(claim))
     unfit = {claim.effect for claim in names if not claim.stable} | cases_of_laws(found)

@@ -20,6 +20,7 @@ from highside.diagnosis.laws.groups import LawGroup, values_of
 from highside.diagnosis.laws.policy import LAW_REPORT
 from highside.diagnosis.laws.readings import readings_of
 from highside.diagnosis.laws.search import Found
+from highside.diagnosis.laws.separable import as_product
 from highside.physics.covariates import covariate
 from highside.physics.effect import Effect
 from highside.physics.law import PREFIX, Law, slug_beside
@@ -59,7 +60,7 @@ def reported_laws(found: Found, taken: Iterable[str] = ()) -> list[ReportedLaw]:
         law = _law(term.group, mean[part], covariance[part, part])
         effect = np.tensordot(mean[part], raw_columns(found.problem, [term]), 1)
         gains = heldout(white, terms, k)
-        closed = closed_form(found, white, terms, k)
+        closed = closed_form(found, white, terms, k) or as_product(found, white, terms, k)
         if closed is not None and closed.law is not None:
             law = closed.law
             effect = closed.effect
@@ -142,6 +143,22 @@ def heldout(white: Whitened, terms: list[LawTerm], k: int) -> float:
     """Nats of log likelihood that a term adds on values that no fit has used, beside the others."""
     with_it, without = (_predicted(white, used) for used in (terms, [t for i, t in enumerate(terms) if i != k]))
     return 0.5 * (without - with_it)
+
+
+def proved(found: Found) -> Found:
+    """The terms without the laws that predict values held out worse than the others do without them, one by one.
+
+    The evidence of a law that follows what the others leave between their functions is high, and so is what it does
+    wrongly elsewhere. A law that is alone stays: it is beside nothing.
+    """
+    while len(found.terms) > 1:
+        white, terms = found.whitened(), list(found.terms)
+        gains = [np.inf if term.group.effect else heldout(white, terms, k) for k, term in enumerate(terms)]
+        worst = int(np.argmin(gains))
+        if gains[worst] >= 0.0:
+            break
+        found = found.only([k for k in range(len(terms)) if k != worst])
+    return found
 
 
 def _predicted(white: Whitened, terms: list[LawTerm]) -> float:
@@ -315,7 +332,7 @@ def _claim(
     rivals_follow = {name for g in apart for name in g.depends_on} - set(law.depends_on)
     confirm = to_vary(law.lasting().depends_on, rivals_follow)
     words = " and ".join(covariate(name).title for name in group.depends_on)
-    formula = closed.text if closed is not None else None
+    formula = closed.text or None if closed is not None else None
     rms, rms_std = size_beside_free(white, effect, group.channels)
     shapes = tuple(f.kind for axis in law.axes for f in axis.functions) if law.formula else ()
     return Claim(

@@ -30,7 +30,7 @@ def class_of(
             break
         if any(group.kind == g.kind for g in found):
             continue
-        if behind <= LAW_SEARCH.same or _confounded(problem, own, group) or white.reproduces(does, group):
+        if behind <= LAW_SEARCH.same or ran_together(problem, own, group) or white.reproduces(does, group):
             found.append(group)
     return tuple(found)
 
@@ -60,7 +60,7 @@ def _same_quantities(problem: LawProblem, own: LawGroup) -> list[tuple[Axis, ...
     return made
 
 
-def _confounded(problem: LawProblem, one: LawGroup, other: LawGroup) -> bool:
+def ran_together(problem: LawProblem, one: LawGroup, other: LawGroup) -> bool:
     """Whether what sets two groups apart are covariates of which one is a function of the other here."""
     if one.effect or other.effect:
         return False

@@ -7,12 +7,14 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
+from scipy.special import chdtrc
 
 from highside.arrays import Array
 from highside.diagnosis.core.regression import flattened
-from highside.diagnosis.laws.evidence import LawTerm, Whitened
+from highside.diagnosis.laws.evidence import LawTerm, Whitened, inverse_of, orthonormal
+from highside.diagnosis.laws.formulas_policy import LAW_FORMULAS
 from highside.diagnosis.laws.groups import LawGroup, values_of
-from highside.diagnosis.laws.policy import LAW_FORMULAS, LAW_REPORT
+from highside.diagnosis.laws.policy import LAW_REPORT
 from highside.diagnosis.laws.search import Found
 from highside.physics.covariates import covariate
 from highside.physics.law import Axis, Function, Law
@@ -122,10 +124,10 @@ def closed_form(found: Found, white: Whitened, terms: list[LawTerm], k: int) -> 
         return None
     others = [t for i, t in enumerate(terms) if i != k]
     columns, prior = white.columns(others)
-    curve = _loss_of_curve(white, terms)
+    curve = loss_of_curve(white, terms)
     span = Axis(name, group.axes[0].low, group.axes[0].high, (Function("one"),))
     constant = (Function("one"),) if PLACES[group.place].constant else ()
-    scored = []
+    scored: list[_Scored] = []
     for form in (*_own_wave(group), *forms_of(name, values)):
         rough = _scored(found, white, columns, prior, group, span, form, constant, values)
         fine = None if rough is None else _finer(form, rough, float(np.ptp(values)))
@@ -135,10 +137,20 @@ def closed_form(found: Found, white: Whitened, terms: list[LawTerm], k: int) -> 
             scored.append(rough)
     if not scored:
         return None
-    scored = sorted({one.functions: one for one in scored}.values(), key=lambda one: one.loss)
+    fit = _Fit(white, columns, prior, field=unit.field, span=(span.low, span.high), values=values)
+    for one in _one_of_each(scored)[: LAW_FORMULAS.most]:
+        form = _Form(one.form.name, [fit.moved(one.functions, len(constant))], one.form.numbers)
+        moved = _scored(found, white, columns, prior, group, span, form, constant, values)
+        scored += [] if moved is None else [moved]
+    scored = _one_of_each(scored)
     best = scored[0]
     if 0.5 * (best.loss - curve) > LAW_FORMULAS.margin:
         return None
+    left = _left_by_curve(white, terms, k)
+    scored = [one for one in scored if not fit.refuted((*one.functions, *constant), one.form.numbers, *left)]
+    if not scored:
+        return None
+    best = scored[0]
     near = [one for one in scored if 0.5 * (one.loss - best.loss) < LAW_FORMULAS.margin]
     simplest = sorted(
         near, key=lambda one: (one.form.numbers, round(one.loss, LAW_FORMULAS.alike), one.functions[0].numbers)
@@ -160,6 +172,104 @@ def closed_form(found: Found, white: Whitened, terms: list[LawTerm], k: int) -> 
     return Closed(texts[0], law, best.effect)
 
 
+def _one_of_each(scored: list[_Scored]) -> list[_Scored]:
+    """The best first: of each kind of form one, but of waves, steps and such all, as each stands for itself."""
+    found: dict[tuple[str, ...], _Scored] = {}
+    for one in sorted(scored, key=lambda one: one.loss):
+        rounded = one.functions if one.form.name not in MOVED_FORMS else ()
+        found.setdefault((one.form.name, *map(str, rounded)), one)
+    return list(found.values())
+
+
+MOVED_NUMBERS = {
+    "power": "p.", "modulus": "p", "ramp": "p", "exponential": ".s", "decay": "ps", "sine": "s", "cosine_of": "s",
+    "bump": "ps", "saturation": "ps", "dent": "ps",
+}  # fmt: skip
+"""of each number of a function whether it may be moved between those that are tried: p a place, s a scale, . not"""
+MOVED_FORMS = frozenset({"modulus", "ramp", "exponential", "decay", "sine", "bump", "saturation", "dent"}) | {
+    f"power {power:g}" for power in LAW_FORMULAS.powers
+}
+
+
+class _Fit:
+    """Functions of a covariate fitted beside all other columns, on all values."""
+
+    def __init__(
+        self, white: Whitened, columns: Array, prior: Array, *, field: Array, span: tuple[float, float], values: Array
+    ) -> None:
+        self.white, self.field, self.span, self.values = white, field, span, values
+        flat = flattened(columns)
+        self.width = len(flat)
+        # a prior is so many more values that are zero
+        rows = np.concatenate([flat, np.diag(np.sqrt(prior))], axis=1)
+        self.beside = orthonormal(rows)
+        target = np.concatenate([white.residual.reshape(-1), np.zeros(self.width)])
+        self.target = target - (target @ self.beside.T) @ self.beside
+
+    def left(self, functions: Sequence[Function]) -> float:
+        """Square of what is left, in units of the noise; infinite where they cannot be computed."""
+        basis = np.array([f(self.values, self.span) for f in functions])
+        if not np.all(np.isfinite(basis)) or not np.all(np.any(basis, axis=1)):
+            return np.inf
+        basis = basis / np.sqrt(np.mean(basis**2, axis=1, keepdims=True))
+        own = flattened(self.white.whitener.white(basis[:, None] * self.field[None]))
+        own = np.concatenate([own, np.zeros((len(own), self.width))], axis=1)
+        own = orthonormal(own - (own @ self.beside.T) @ self.beside)
+        return float(self.target @ self.target - np.sum((own @ self.target) ** 2))
+
+    def moved(self, functions: tuple[Function, ...], constants: int) -> tuple[Function, ...]:
+        """The functions with their numbers moved to where they leave least."""
+        kinds = MOVED_NUMBERS.get(functions[0].kind, "")
+        if not kinds.strip("."):
+            return functions
+        numbers, width = np.array(functions[0].numbers), self.span[1] - self.span[0]
+        unit = {"p": np.full(numbers.size, width), "s": np.abs(numbers), ".": np.zeros(numbers.size)}
+        steps = LAW_FORMULAS.step * np.array([unit[kind][i] for i, kind in enumerate(kinds)])
+        free = np.flatnonzero(steps)
+        more = (Function("one"),) * constants
+
+        def at(x: Array) -> tuple[Function, ...]:
+            own = numbers.copy()
+            own[free] += x * steps[free]
+            return tuple(Function(f.kind, tuple(float(v) for v in own)) for f in functions)
+
+        def left(x: Array) -> float:
+            return self.left((*at(x), *more))
+
+        from scipy.optimize import fmin  # not above: it takes a tenth of a start
+
+        around = np.concatenate([np.zeros((1, free.size)), np.eye(free.size)])
+        best = fmin(
+            left,
+            around[0],
+            ftol=LAW_FORMULAS.still,
+            maxfun=LAW_FORMULAS.moves,
+            disp=False,
+            initial_simplex=around,
+        )
+        return at(np.asarray(best))
+
+    def refuted(self, functions: Sequence[Function], numbers: int, left: float, used: float) -> bool:
+        """Whether they leave more than the curve does (`left`) by more than its `used` degrees of freedom may take."""
+        more = self.left(functions) - left
+        return bool(chdtrc(max(used - numbers, 1.0), max(more, 0.0)) < LAW_FORMULAS.refuted)
+
+
+def _left_by_curve(white: Whitened, terms: list[LawTerm], k: int) -> tuple[float, float]:
+    """Square of what is left beside the terms with what their prior takes, and degrees of freedom of the k-th term."""
+    columns, prior = white.columns(terms)
+    mean, _ = white.posterior(terms)
+    left = white.residual - np.tensordot(mean, columns, 1)
+    start = len(columns) - sum(t.group.size for t in terms[k:])
+    own = slice(start, start + terms[k].group.size)
+    flat = flattened(columns)
+    inverse = inverse_of(flat @ flat.T, prior)
+    used = terms[k].group.size - float(np.sum(np.diag(inverse)[own] * prior[own]))
+    others = np.ones(prior.size, dtype=bool)
+    others[own] = False
+    return float(np.sum(left**2) + np.sum(prior[others] * mean[others] ** 2)), used
+
+
 def _finer(form: _Form, rough: _Scored, width: float) -> _Form | None:
     """The form with its numbers tried closer around those that were best."""
     first = rough.functions[0]
@@ -175,7 +285,8 @@ def _finer(form: _Form, rough: _Scored, width: float) -> _Form | None:
     return _Form(form.name, tried, form.numbers)
 
 
-def _loss_of_curve(white: Whitened, terms: list[LawTerm]) -> float:
+def loss_of_curve(white: Whitened, terms: list[LawTerm]) -> float:
+    """Square of the errors on values held out, in units of the noise, of the terms as they are."""
     columns, prior = white.columns(terms)
     n = columns.shape[2]
     return _loss(columns, prior, np.empty((0, columns.shape[1], n)), white.residual)

@@ -19,6 +19,7 @@ from highside.diagnosis.laws.groups import LawGroup, groups_of
 from highside.diagnosis.laws.learning import NoiseLearner
 from highside.diagnosis.laws.noise import LawNoise, Whitener
 from highside.diagnosis.laws.onsets import Onsets, begun
+from highside.diagnosis.laws.other_than_time import without_time
 from highside.diagnosis.laws.policy import LAW_SEARCH
 from highside.diagnosis.laws.problem import LawProblem
 from highside.diagnosis.laws.variants import as_simple, variants_of
@@ -146,7 +147,9 @@ class Search:
             one = max((one, two), key=lambda s: s.worth)
         if self.problem.every_pair and one.noise.remembers:
             one = self._from_edges(one)
-        return self._found(self._from_onsets(one) if self.problem.every_pair and self._variants else one)
+        if not self._variants:
+            return self._found(one)
+        return self._found(self._without_time(self._from_onsets(one) if self.problem.every_pair else one))
 
     def _from_edges(self, best: _State) -> _State:
         """What was found, its noise taking something slow, or edges that do better, and what goes with them."""
@@ -205,7 +208,7 @@ class Search:
                 prior = priors[own] if np.isfinite(gains[own]) else trial[k].prior
                 trial = [LawTerm(t.group, prior) if i == k else t for i, t in enumerate(trial)]
             state = self._learn(trial, self.problem.residual)
-        return self._found(self._proved(state))
+        return self._found(self._without_time(self._proved(state)))
 
     def _like(self, group: LawGroup) -> LawGroup:
         """The group of this search that is the one of another, of the same label and functions; if none is, the same
@@ -321,6 +324,17 @@ class Search:
         self.groups.append(best.group)
         self.families = self.families.of(self.groups)
         return [best if i == k else t for i, t in enumerate(terms)]
+
+    def _without_time(self, state: _State) -> _State:
+        """The laws that follow the session's time as laws of something else, where that does as well."""
+        whitener = Whitener(self.problem, state.noise)
+        terms = without_time(self.problem, whitener, state.residual, self.groups, state.terms)
+        if _which(terms) == _which(state.terms):
+            return state
+        self.groups = [*self.groups, *(t.group for t in terms if t.group not in self.groups)]
+        self.families = self.families.of(self.groups, self.families.barred)
+        other = self._learn(terms, self.problem.residual)
+        return other if other.evidence > state.evidence - LAW_SEARCH.same_confounded else state
 
     def _refitted_with_rivals(self, white: Whitened, terms: list[LawTerm]) -> list[LawTerm]:
         """Each term beside the others as its best prior has it, or another group in its place."""

@@ -38,9 +38,9 @@ def variants_of(problem: LawProblem, group: LawGroup) -> list[LawGroup]:
         return []
     return [
         *_onsets(problem, group),
-        *_finer(problem, group),
+        *finer(problem, group),
         *_factors(problem, group),
-        *_lagging(problem, group),
+        *lagging(problem, group),
         *_simple_in_one(problem, group),
         *_as_scale(problem, group),
     ]
@@ -104,10 +104,19 @@ def _onsets(problem: LawProblem, group: LawGroup) -> list[LawGroup]:
     return made
 
 
-def _finer(problem: LawProblem, group: LawGroup) -> list[LawGroup]:
+def finer(problem: LawProblem, group: LawGroup) -> list[LawGroup]:
     """A product of smooth functions with more of them."""
     if len(group.axes) != 2 or any(len(axis.functions) < LAW_GROUPS.few for axis in group.axes):
         return []
+    axes = fine_axes(problem, group)
+    if [len(axis.functions) for axis in axes] == [len(axis.functions) for axis in group.axes]:
+        return []
+    basis, order = _product(problem, group, [*axes])
+    return [replace(group, axes=axes, order=order, basis=basis)]
+
+
+def fine_axes(problem: LawProblem, group: LawGroup) -> tuple[Axis, ...]:
+    """The axes of a group with the most functions that one of two has."""
     axes = []
     for axis in group.axes:
         values = values_of(problem, axis.covariate, group.units[0])
@@ -115,13 +124,10 @@ def _finer(problem: LawProblem, group: LawGroup) -> list[LawGroup]:
         count = min(LAW_GROUPS.finer_orders, distinct - 1)
         turns = min(LAW_GROUPS.finer_turns, max(1, distinct // 2))
         axes.append(axis_of(axis.covariate, values, count, constant=True, turns=turns)[0])
-    if [len(axis.functions) for axis in axes] == [len(axis.functions) for axis in group.axes]:
-        return []
-    basis, order = _product(problem, group, axes)
-    return [replace(group, axes=tuple(axes), order=order, basis=basis)]
+    return tuple(axes)
 
 
-def _lagging(problem: LawProblem, group: LawGroup) -> list[LawGroup]:
+def lagging(problem: LawProblem, group: LawGroup) -> list[LawGroup]:
     """The law of a temperature with each of the time constants, or with none, in the place of its own."""
     made = []
     for k, axis in enumerate(group.axes):
@@ -219,7 +225,7 @@ def _with_constant(axis: Axis) -> Axis:
 
 def _product(problem: LawProblem, group: LawGroup, axes: list[Axis]) -> tuple[Array, Array]:
     """(u, m, n) the products of all functions of the axes for each unit, and their orders (m,)."""
-    orders = [_orders(axis) for axis in axes]
+    orders = [orders_of(axis) for axis in axes]
     order = orders[0]
     for more in orders[1:]:
         order = np.hypot(order[:, None], more[None]).reshape(-1)
@@ -233,7 +239,7 @@ def _product(problem: LawProblem, group: LawGroup, axes: list[Axis]) -> tuple[Ar
     return np.stack(basis), order
 
 
-def _orders(axis: Axis) -> Array:
+def orders_of(axis: Axis) -> Array:
     """(m,) order of each function of an axis: of a whole smooth set its number, of single shapes none."""
     smooth = len(axis.functions) > LAW_GROUPS.few
     known = COVARIATES.get(axis.covariate)

@@ -1,0 +1,74 @@
+"""In the place of the session's own time, what this session cannot tell from it and another session can vary.
+
+Whatever changes slowly runs with the time of one session: a temperature that rises, a supply that falls, an inclination
+that is stepped through. A law of time cannot be confirmed by another session and predicts nothing there; a law of what
+runs with it can and does. So where the two explain as much, the law is that of the other, and the time is told as what
+this session cannot tell it from.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from highside.arrays import Array
+from highside.diagnosis.laws.classes import ran_together
+from highside.diagnosis.laws.evidence import Families, LawTerm, Whitened
+from highside.diagnosis.laws.groups import LawGroup
+from highside.diagnosis.laws.noise import Whitener
+from highside.diagnosis.laws.policy import LAW_GROUPS, LAW_SEARCH
+from highside.diagnosis.laws.problem import LawProblem
+from highside.diagnosis.laws.variants import TEMPERATURES, finer, lagging
+
+TIME = "time"
+
+
+def instead_of_time(problem: LawProblem, groups: Sequence[LawGroup], own: LawGroup) -> list[LawGroup]:
+    """The laws of as many quantities as this one, in its place, with another quantity for the time; none where a law
+    does not follow the time, or sets in at one."""
+    if own.effect or own.depends_on.count(TIME) != 1 or any(axis.sets_in for axis in own.axes if len(own.axes) > 1):
+        return []
+    beside = [name for name in own.depends_on if name != TIME]
+    tried: list[LawGroup] = []
+    for group in groups:
+        if group.effect or group.kind[:2] != own.kind[:2] or len(group.axes) != len(own.axes):
+            continue
+        (*other,) = [name for name in group.depends_on if name not in beside]
+        smooth = all(len(axis.functions) > LAW_GROUPS.few for axis in group.axes)
+        if len(other) != 1 or other[0] == TIME or not smooth:
+            continue
+        tried.append(group)
+        if other[0] in TEMPERATURES and not any(set(TEMPERATURES) & set(g.depends_on) for g in tried[:-1]):
+            tried += lagging(problem, group)
+    return [*tried, *(fine for group in tried for fine in finer(problem, group))]
+
+
+def without_time(
+    problem: LawProblem, whitener: Whitener, residual: Array, groups: Sequence[LawGroup], terms: Sequence[LawTerm]
+) -> list[LawTerm]:
+    """The terms, each that follows the time replaced where this session cannot tell it from another quantity."""
+    made = list(terms)
+    for k, term in enumerate(terms):
+        tried = instead_of_time(problem, groups, term.group)
+        if tried:
+            among = Whitened(Families(problem, [term.group, *tried]), whitener, residual)
+            made[k] = _as_good(among, made, k) or term
+    return made
+
+
+def _as_good(among: Whitened, terms: list[LawTerm], k: int) -> LawTerm | None:
+    """The best of the groups in the place of a term, the first of them, that is in the class of it."""
+    own, *tried = among.families.groups
+    gains, priors = among.scores([term for i, term in enumerate(terms) if i != k])
+    if not np.isfinite(gains[0]):
+        return None
+    does = among.left_of(terms, [k])
+    for i in np.argsort(-gains[1:]):
+        behind, other = float(gains[0] - gains[1 + i]), tried[int(i)]
+        if behind > LAW_SEARCH.same_confounded:
+            return None
+        near = behind <= LAW_SEARCH.same or ran_together(among.families.problem, own, other)
+        if near or among.reproduces(does, other):
+            return LawTerm(other, priors[1 + int(i)])
+    return None

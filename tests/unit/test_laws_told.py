@@ -1,0 +1,137 @@
+"""Of what a search found, what is told: not the session's own time where another session can vary something as good, no
+formula that the curve refutes, no law that predicts worse than the others do without it."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from test_laws_search import FREE, PLAIN, SIGMA, axis, problem, scale_of_temp
+
+from highside.arrays import Array
+from highside.diagnosis.core.fit import base_fit
+from highside.diagnosis.core.observed import Observed
+from highside.diagnosis.laws import claims
+from highside.diagnosis.laws.chain import chain_problem
+from highside.diagnosis.laws.claims import heldout, proved, reported_laws
+from highside.diagnosis.laws.evidence import LawTerm, Prior
+from highside.diagnosis.laws.groups import LawGroup, groups_of
+from highside.diagnosis.laws.search import Found, Search
+from highside.diagnosis.laws.separable import as_product
+from highside.physics.gravity import gravity_direction
+from highside.physics.state import ChainState
+
+
+def warming(seed: int, n: int = 60) -> ChainState:
+    """Poses of which the temperature rises once, ever slower: it runs with the time."""
+    rng = np.random.default_rng(seed)
+    t = 60.0 * np.arange(n) + rng.uniform(0, 10, n)
+    inc, tf = np.radians(rng.uniform(10, 170, n)), np.radians(rng.uniform(0, 360, n))
+    return ChainState.build(inc, tf, t_s=t, temp_c=20 + 30 * (1 - np.exp(-t / 1500)), direction=np.ones(n))
+
+
+def found_in(state: ChainState, effect: Array, seed: int, places: frozenset[str]) -> Found:
+    readings = gravity_direction(state.inc_rad, state.tf_rad) + effect
+    readings = readings + np.random.default_rng(seed).normal(0, SIGMA, readings.shape)
+    _, posed = problem(state, readings)
+    return Search(posed, [g for g in groups_of(posed) if g.place in places]).run()
+
+
+def named(group: LawGroup) -> tuple[str, ...]:
+    return group.depends_on
+
+
+def test_what_another_session_can_vary_stands_in_the_place_of_the_time() -> None:
+    state = warming(3)
+    # of the time it is one slow wave, of the temperature a curve that is steep where the session was long
+    load = gravity_direction(state.inc_rad, state.tf_rad)
+    effect = axis(2) * load * 3e-4 * np.sin(2 * np.pi * state.t_s / state.t_s[-1])
+    found = found_in(state, effect, 4, frozenset({"scale"}))
+    # as it lags or not: that is not to be known here
+    assert [named(term.group)[0].split("_")[0] for term in found.terms] == ["temp"]
+    assert ("time",) in [named(group) for group in found.classes[0]]
+
+
+def test_what_the_time_alone_does_stays_a_law_of_the_time() -> None:
+    state = warming(3)
+    state = replace(state, temp_c=20 + np.random.default_rng(5).normal(0, 3, state.n))
+    load = gravity_direction(state.inc_rad, state.tf_rad)
+    effect = axis(2) * load * 3e-4 * np.sin(2 * np.pi * state.t_s / state.t_s[-1])
+    assert [named(term.group) for term in found_in(state, effect, 4, frozenset({"scale"})).terms] == [("time",)]
+
+
+def law_of_temp(seed: int, ripple: float) -> Found:
+    """A bump over the temperature in few poses, and of a part of it a wave beside it."""
+    rng = np.random.default_rng(seed)
+    n = 30
+    inc, tf = np.radians(rng.uniform(10, 170, n)), np.radians(rng.uniform(0, 360, n))
+    state = ChainState.build(inc, tf, t_s=60.0 * np.arange(n), temp_c=rng.uniform(0, 60, n), direction=np.ones(n))
+    temp = state.temp_c
+    effect = axis(0) * (2e-3 * np.exp(-0.5 * ((temp - 31.3) / 6.2) ** 2) + ripple * np.sin(temp / 9))
+    readings = gravity_direction(state.inc_rad, state.tf_rad) + effect + rng.normal(0, SIGMA, (3, n))
+    model, residual = base_fit(PLAIN, observed := Observed(state, readings), FREE)
+    posed = chain_problem(model, state, residual, observed.jacobian(model, FREE), np.full((3, n), SIGMA))
+    groups = [g for g in groups_of(posed) if g.place == "offset" and g.depends_on == ("temp",)]
+    return Search(posed, groups).run()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_formula_is_told_only_where_the_curve_follows_nothing_else(seed: int) -> None:
+    (true,) = reported_laws(law_of_temp(seed, 0.0))
+    assert true.law.formula and "exp(-((temp - 31.3" in true.law.formula
+    for one in reported_laws(law_of_temp(seed, 2e-4)):
+        assert not one.law.formula, one.law.formula
+
+
+def of_two(temp: Array, inc: Array) -> Array:
+    return 2e-4 * np.tanh((temp - 30) / 6) * np.sin(3 * inc)
+
+
+def of_both(temp: Array, inc: Array) -> Array:
+    return 2e-4 * np.sin(3 * inc + temp / 6)
+
+
+def predicted(found: Found, law: Callable[[Array, Array], Array]) -> float:
+    """Share of the variance of a law of the temperature and the inclination that the one told has between its ends."""
+    temp, inc = np.meshgrid(np.linspace(12, 48, 25), np.linspace(0.3, 2.8, 25))
+    (one,) = reported_laws(found)
+    values = {"temp": temp.ravel(), "inc": np.degrees(inc.ravel())}
+    told = one.law.value([values[name] for name in one.law.depends_on]).reshape(temp.shape)
+    true = law(temp, inc)
+    return 1.0 - float(np.var(told - true) / np.var(true))
+
+
+def surface(law: Callable[[Array, Array], Array], n: int) -> Found:
+    rng = np.random.default_rng(21)
+    inc, tf = np.radians(rng.uniform(10, 170, n)), np.radians(rng.uniform(0, 360, n))
+    state = ChainState.build(inc, tf, t_s=60.0 * np.arange(n), temp_c=rng.uniform(10, 50, n), direction=np.ones(n))
+    readings = gravity_direction(inc, tf) + axis(1) * law(state.temp_c, inc) + rng.normal(0, SIGMA, (3, n))
+    model, residual = base_fit(PLAIN, observed := Observed(state, readings), FREE)
+    posed = chain_problem(model, state, residual, observed.jacobian(model, FREE), np.full((3, n), SIGMA))
+    return Search(posed, [g for g in groups_of(posed) if g.label == "offset_y_inc_x_temp"]).run()
+
+
+def test_a_surface_that_is_a_product_is_told_as_one_and_predicts_more(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = surface(of_two, 70)
+    as_it_is = predicted(found, of_two)
+    monkeypatch.setattr(claims, "as_product", lambda *given: None)
+    assert as_it_is > 0.95
+    assert as_it_is > predicted(found, of_two) + 0.02
+
+
+def test_a_surface_that_is_no_product_stays_a_surface() -> None:
+    found = surface(of_both, 120)
+    assert found.terms and as_product(found, found.whitened(), list(found.terms), 0) is None
+
+
+def test_a_law_that_predicts_worse_than_the_others_alone_goes() -> None:
+    state = warming(6)
+    state = replace(state, temp_c=35 + np.random.default_rng(7).normal(0, 8, state.n))
+    found = found_in(state, scale_of_temp(state), 8, frozenset({"scale", "offset"}))
+    assert proved(found).terms == found.terms
+    other = next(g for g in groups_of(found.problem) if g.place == "offset" and g.depends_on == ("inc",))
+    # a curve as large as that follows the noise
+    more = LawTerm(other, Prior(1e3, 1.0))
+    both = replace(found, terms=(*found.terms, more), gains=(*found.gains, 99.0), classes=(*found.classes, (other,)))
+    assert heldout(both.whitened(), list(both.terms), len(found.terms)) < 0
+    assert proved(both).terms == found.terms
