@@ -16,9 +16,8 @@ from typing import Any
 import typer
 
 from highside.cli import examples
-from highside.cli.finite import refuse_no_numbers
+from highside.cli.guards import guard
 from highside.cli.options import as_options, in_options
-from highside.cli.overwriting import refuse_own_inputs
 from highside.cli.say import echo
 from highside.errors import HighsideError
 from highside.printable import one_line
@@ -78,8 +77,7 @@ def app_of(only: str | None = None) -> typer.Typer:
         else:
             app.command(name)(found)
     examples.attach(app)
-    refuse_own_inputs(app)
-    refuse_no_numbers(app)
+    guard(app)
     return app
 
 

@@ -8,25 +8,14 @@ import math
 from collections.abc import Callable
 from typing import Any, get_args
 
-import typer
 from typer.models import OptionInfo
 
 from highside.errors import InputError
 
-_MARK = "takes_finite_numbers"
 
+def finite_numbers(function: Callable[..., Any]) -> Callable[..., Any]:
+    """A command that refuses numbers that are none."""
 
-def refuse_no_numbers(app: typer.Typer) -> None:
-    """Let every command of `app` and its groups refuse a number that is none."""
-    for group in app.registered_groups:
-        assert group.typer_instance is not None
-        refuse_no_numbers(group.typer_instance)
-    for command in app.registered_commands:
-        if command.callback is not None and not hasattr(command.callback, _MARK):
-            command.callback = _guarded(command.callback)
-
-
-def _guarded(function: Callable[..., Any]) -> Callable[..., Any]:
     @functools.wraps(function)
     def guarded(*args: Any, **given: Any) -> Any:
         for name, value in given.items():
@@ -34,7 +23,6 @@ def _guarded(function: Callable[..., Any]) -> Callable[..., Any]:
                 raise InputError(f"{value} is not a finite number", field=_option(function, name))
         return function(*args, **given)
 
-    setattr(guarded, _MARK, True)
     return guarded
 
 

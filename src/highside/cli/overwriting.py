@@ -15,7 +15,6 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Annotated, Any, get_args, get_origin
 
-import typer
 from typer.models import OptionInfo
 
 from highside.cli import kinds
@@ -117,22 +116,13 @@ JOURNAL = ".journal"
 """Ends the name of a session's journal, which begins like other JSON."""
 
 
-def refuse_own_inputs(app: typer.Typer) -> None:
-    """Let every command of `app` and its groups refuse an output that is one of its inputs, before it begins."""
-    for group in app.registered_groups:
-        assert group.typer_instance is not None
-        refuse_own_inputs(group.typer_instance)
-    for command in app.registered_commands:
-        if command.callback is not None and not hasattr(command.callback, GUARDED):
-            command.callback = _guarded(command.callback)
-
-
 def name_of(function: Callable[..., Any]) -> str:
     """As in `ANSWERS`."""
     return f"{function.__module__.rpartition('.')[2]}.{function.__name__}"
 
 
-def _guarded(function: Callable[..., Any]) -> Callable[..., Any]:
+def own_outputs(function: Callable[..., Any]) -> Callable[..., Any]:
+    """A command that refuses an output that is one of its inputs, or a file of another kind."""
     written = dict(_outputs(function))
     answers = ANSWERS[name_of(function)] if written else {}
 
