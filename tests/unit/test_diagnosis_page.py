@@ -144,6 +144,12 @@ def test_a_law_stands_on_the_page_in_words_with_its_curve_and_band() -> None:
     page = page_of(DiagnosisResult("law", claims=(law,)), one, "rec.csv")
     assert "<h1>The simulation omits an offset of ax that follows temperature (90%" in page
     assert "-200 ug (+-20) at its largest: a curve, over temperature 15 to 40 C" in page
+    tied = ("law:offset_x_temp", "law:offset_x_time", "law:offset_x_inc_x_time")
+    page_of_tied = page_of(DiagnosisResult("law", claims=(replace(law, equivalence_class=tied),)), one, "rec.csv")
+    assert (
+        "<h1>The simulation omits an offset of ax that follows temperature, or the time of the session (90%"
+        in page_of_tied
+    )
     assert "a loose lead" in page and "Another session confirms or refutes it: vary temperature." in page
     assert "law:ax_temp" not in page.split("<details>")[0], "a name is in words before what is folded away"
 

@@ -87,16 +87,25 @@ def title_of_any(name: str) -> str:
     return _("%(law)s that follows %(what)s", law=words, what=follows)
 
 
-def _of_law(name: str) -> tuple[str, str] | None:
-    """Of the id of a law, where it acts and what it follows, in words; None: it is not the id of a law."""
+def _parts_of_law(name: str) -> tuple[str, str, tuple[str, ...]] | None:
+    """Of the id of a law its place, its channels and what it follows; None: it is not the id of a law."""
     rest = name.removeprefix(f"{LAW}:").partition(AGAIN)[0]
     place = next((one for one in sorted(PLACES, key=len, reverse=True) if rest.startswith(f"{one}_")), "")
     channels, _, follows = rest.removeprefix(f"{place}_").partition("_")
     if not name.startswith(f"{LAW}:") or not place or not follows:
         return None
+    return place, channels, tuple(parted(follows))
+
+
+def _of_law(name: str) -> tuple[str, str] | None:
+    """Of the id of a law, where it acts and what it follows, in words; None: it is not the id of a law."""
+    parts = _parts_of_law(name)
+    if parts is None:
+        return None
+    place, channels, follows = parts
     letter = "g" if place.startswith("gyro") else "a"
     shown = [letter + axis for axis in channels] if PLACES[place].triad else [channels]
-    return _place_words(place, shown), follows_words(parted(follows))
+    return _place_words(place, shown), follows_words(follows)
 
 
 def _place_words(place: str, channels: Sequence[str]) -> str:
@@ -242,6 +251,8 @@ def first_sentence(diagnosis: DiagnosisResult, shares: Mapping[str, float], word
         part = within_sentence(title, first=True)
         if any(not is_law(claim) and others_of(claim) for claim in claims):
             part += _(", or what cannot be told from it here")
+        if any(is_law(claim) and _may_be_time(claim) for claim in claims):
+            part += _(", or the time of the session")
         part += " " + _("(%(share)s of the misfit)", share=_percent(share)) if share > 0 else ""
         (resized if simulated else omitted).append(part)
     does = [_("omits %(what)s", what=_listed(omitted))] if omitted else []
@@ -255,6 +266,17 @@ def first_sentence(diagnosis: DiagnosisResult, shares: Mapping[str, float], word
     said = _listed(does) if len(does) > 2 else _(", and ").join(does)
     sentence = _("The simulation %(does)s%(rest)s.", does=said, rest=rest)
     return sentence + _overlap(sizes, explained) + _taken_for_noise(diagnosis, explained, shares)
+
+
+def _may_be_time(claim: Claim) -> bool:
+    """Whether a law cannot be told from the same that follows the time in the place of something else."""
+    for other in others_of(claim):
+        parts = _parts_of_law(other)
+        if parts is None or parts[0] != claim.place or len(parts[2]) != len(claim.depends_on):
+            continue
+        if set(parts[2]) - set(claim.depends_on) == {"time"}:
+            return True
+    return False
 
 
 def _explained(claims: Sequence[Claim], shares: Mapping[str, float]) -> float:
