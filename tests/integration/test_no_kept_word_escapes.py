@@ -19,7 +19,7 @@ SAID_BY_OTHERS = re.compile(
     rf"{re.escape(EVIL)}|poses\.csv|bench 1|A\. Operator|O\. Operate|F\. Force|(?:joint|conventional) \(.*?\)"
     r"|session tool-\w+|conventional|balance|all|SHA|log|serial|tool\.toml|global|PDF|HTML|DCC"
     # ids, and names of fields and coefficients
-    r"|[0-9a-f]{12,}|\b\w+_\w+\b"
+    r"|[0-9a-f]{12,}|\b[a-z_]+(?:\.[a-z_]+)+\b|\b\w+_\w+\b"
 )
 
 
