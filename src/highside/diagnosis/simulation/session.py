@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
-from typing import TYPE_CHECKING, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,9 +27,6 @@ from highside.physics.channels import Channels
 from highside.physics.effects.clock_skew import EFFECT as CLOCK_SKEW
 from highside.physics.effects.time_offset import EFFECT as TIME_OFFSET
 from highside.physics.state import ChainState
-
-if TYPE_CHECKING:
-    pass
 
 UNITS = {
     "g": "g",
