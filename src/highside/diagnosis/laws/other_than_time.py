@@ -25,8 +25,8 @@ TIME = "time"
 
 
 def instead_of_time(problem: LawProblem, groups: Sequence[LawGroup], own: LawGroup) -> list[LawGroup]:
-    """The laws of as many quantities as this one, in its place, with another quantity for the time; none where a law
-    does not follow the time, or sets in at one."""
+    """The laws of as many quantities as `own`, in its place, with another quantity for the time; none where it does not
+    follow the time, or sets in at one. Of temperatures each lag is tried, of pairs finer functions too."""
     if own.effect or own.depends_on.count(TIME) != 1 or any(axis.sets_in for axis in own.axes if len(own.axes) > 1):
         return []
     beside = [name for name in own.depends_on if name != TIME]
@@ -34,7 +34,7 @@ def instead_of_time(problem: LawProblem, groups: Sequence[LawGroup], own: LawGro
     for group in groups:
         if group.effect or group.kind[:2] != own.kind[:2] or len(group.axes) != len(own.axes):
             continue
-        (*other,) = [name for name in group.depends_on if name not in beside]
+        other = [name for name in group.depends_on if name not in beside]
         smooth = all(len(axis.functions) > LAW_GROUPS.few for axis in group.axes)
         if len(other) != 1 or other[0] == TIME or not smooth:
             continue
