@@ -149,7 +149,9 @@ class InputError(HighsideError):
         self.what, self.where, self.field, self.remedy = what, where, field, remedy
         parts = [part for part in (where, field, what) if part]
         line = ": ".join(parts)
-        super().__init__(f"{line}; {remedy}" if remedy else line)
+        # further mistakes (`| also ...`) may stand where the first of them has no remedy
+        joint = " " if remedy and remedy.startswith("|") else "; "
+        super().__init__(f"{line}{joint}{remedy}" if remedy else line)
 
 
 class Refused(HighsideError):  # noqa: N818 - an answer, not a failure

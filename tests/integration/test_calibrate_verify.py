@@ -158,6 +158,10 @@ sessions = "sessions"
     )  # fmt: skip
     found = json.loads(done.stdout)
     assert found["verdict"] == "pass" and len(found["poses"]) == 12
+    # a copy under another name is the same
+    copied = tmp_path / "copy of the session.txt"
+    copied.write_bytes(journal.read_bytes())
+    assert json.loads(highside("calibrate", "verify", record, str(copied), *README, "--json").stdout) == found
     assert found["bench_level"]["source"] == "reversed"
     # what no tool could pass is refused before the first pose, by its field
     for fields, field, said in (

@@ -156,6 +156,9 @@ def test_twenty_bad_reloads_of_every_kind_while_frames_flow_lose_nothing(tmp_pat
         health = reload(good.replace("= 10", "= 20"))
         assert health["reload"] == {"count": 1, "refused": None}
         assert "reload_refused" not in health["alarms"]
+        # other limits of the link leave it open: not a frame is lost
+        health = reload(good.replace("[codec]", "stale_after_s = 1.5\n[codec]"))
+        assert (health["reload"]["count"], health["link"]["opens"]) == (2, 1)
         tool.stop()
         health = wait_for(
             lambda: (h := reload.health())["monitor"]["good"] == tool.sent and h, 20, "all frames", reload.daemon
@@ -165,8 +168,8 @@ def test_twenty_bad_reloads_of_every_kind_while_frames_flow_lose_nothing(tmp_pat
         assert health["link"]["opens"] == 1
         assert all(health["balance"].values())
         heard = [message.split("\n")[0] for message in manager.heard()]
-        # 20 bad ones, one without a file, one good one: each is answered, and says when it began
-        assert heard == ["READY=1", *["RELOADING=1", "READY=1"] * 22]
+        # 20 bad ones, one without a file, two good ones: each is answered, and says when it began
+        assert heard == ["READY=1", *["RELOADING=1", "READY=1"] * 23]
         assert all("MONOTONIC_USEC=" in message for message in manager.heard() if message.startswith("RELOADING"))
 
 

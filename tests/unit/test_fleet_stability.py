@@ -98,8 +98,11 @@ def test_records_of_a_folder_are_judged(tmp_path: Path) -> None:
     for tool in range(3):
         for year in range(3):
             moved = 2e-3 if (tool, year) == (1, 2) else 0.0
-            _record(tmp_path, f"tool{tool}", year, np.array([1e-3 + moved, -5e-4, 2e-4]))
+            _record(tmp_path / "records", f"tool{tool}", year, np.array([1e-3 + moved, -5e-4, 2e-4]))
     (tmp_path / "other.json").write_text("{}")
+    for beside in ("activations", "turntables"):  # as a store keeps them
+        (tmp_path / beside).mkdir()
+        (tmp_path / beside / "00000001.json").write_text("{}")
     result = CliRunner().invoke(app, ["fleet", "records", str(tmp_path), "--json", "--html", str(tmp_path / "p.html")])
     assert result.exit_code == 0, result.output
     found = json.loads(result.stdout)
@@ -133,4 +136,5 @@ def _record(folder: Path, tool: str, year: int, bias: Array) -> None:
         "valid_from": when,
     }
     document = json.loads(made.to_json()) | content | {"id": content_id(content)}
+    folder.mkdir(exist_ok=True)
     (folder / f"{tool}-{year}.json").write_text(json.dumps(document))

@@ -54,6 +54,18 @@ def test_the_defaults_report_silence_within_2_s_and_reopen_within_10_s() -> None
     assert settings.stale_after_s < settings.reopen_after_s <= 10.0
 
 
+@pytest.mark.parametrize(
+    ("change", "same"),
+    [({"stale_after_s": 1.0}, True), ({"wait_at_start": True}, True), ({"baud": 9600}, False), ({"port": "y"}, False)],
+)
+def test_limits_alone_leave_a_line_what_it_is(change: dict[str, Any], same: bool) -> None:
+    table = {"kind": "serial", "port": "x"}
+    before, after = ADAPTER.validate_python(table), ADAPTER.validate_python(table | change)
+    assert before != after
+    assert after.same_line(before) is same
+    assert not ADAPTER.validate_python({"kind": "simulated"}).same_line(before)
+
+
 def test_the_simulated_tool_is_the_same_for_every_attempt() -> None:
     link = SimulatedLink(kind="simulated", seed=3)
     assert link.transport().device is link.transport().device  # type: ignore[attr-defined]

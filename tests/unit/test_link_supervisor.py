@@ -341,6 +341,20 @@ async def test_without_a_watchdog_silence_is_allowed() -> None:
     await bench.end()
 
 
+async def test_other_limits_hold_at_once_and_the_link_stays_open() -> None:
+    bench = Bench(settings=SETTINGS.model_copy(update={"stale_after_s": 0.0}))
+    await settle()
+    bench.last.send()
+    await bench.clock.advance(5.0)
+    assert bench.sink.states[-1] == (LinkState.UP, None)
+    bench.supervisor.apply(SETTINGS)
+    await settle()
+    await bench.clock.advance(0.2)
+    assert bench.sink.states[-1] == (LinkState.STALE, LinkReason.SILENT)
+    assert len(bench.transports) == 1 and not bench.last.closed
+    await bench.end()
+
+
 def test_jitter_spreads_the_pauses() -> None:
     settings = SupervisorSettings(backoff_initial_s=1.0, jitter=0.5)
 

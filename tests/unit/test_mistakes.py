@@ -6,6 +6,7 @@ import pytest
 
 from highside.config.settings import validate
 from highside.errors import InputError
+from highside.words.errors import error_told
 
 
 def test_a_name_misspelt_is_not_hidden_by_the_name_that_is_missing_for_it() -> None:
@@ -32,3 +33,11 @@ def test_many_mistakes_are_counted_and_what_is_allowed_is_reported_once() -> Non
     assert said.count("allowed: ") == 1
     assert said.count("| also") == 7
     assert "more" in said.rpartition("|")[2]
+
+
+def test_what_has_no_remedy_is_followed_by_the_next_mistake() -> None:
+    with pytest.raises(InputError) as caught:
+        validate({"mqtt": [], "pipeline": 1}, where="my.toml", environment=False)
+    assert "must be a table | also " in str(caught.value)
+    assert "; |" not in str(caught.value)
+    assert error_told(caught.value) == str(caught.value)

@@ -33,6 +33,9 @@ def test_the_defaults_reach_a_broker_on_this_machine() -> None:
         ({"transport": "unix", "tls": {}}, "`tls` is for transport 'tcp'"),
         ({"reconnect_min_s": 5.0, "reconnect_max_s": 1.0}, "`reconnect_max_s` is below"),
         ({"password_file": "p"}, "needs a `username`"),
+        ({"host": "the broker"}, "`host` is a name or an address"),
+        ({"host": "mqtt://broker"}, "`host` is a name or an address"),
+        ({"host": "broker\x00"}, "`host` is a name or an address"),
         ({"password": "in the file"}, "password"),
         ({"outbox": {"max_rows": 0}}, "greater than or equal to 100"),
     ],
@@ -67,6 +70,18 @@ def test_systemd_credentials_are_used(tmp_path: Path, monkeypatch: pytest.Monkey
     assert named is not None
     assert (found.get_secret_value(), named.get_secret_value()) == ("from systemd", "by name")
     assert MqttSettings().read_password() is None, "no user, no password"
+
+
+@pytest.mark.parametrize("empty", ["", "\n", " \r\n"])
+def test_an_empty_password_file_is_refused(tmp_path: Path, empty: str) -> None:
+    file = tmp_path / "password"
+    file.write_bytes(empty.encode())
+    with pytest.raises(InputError, match=r"password: mqtt\.password_file: holds no password; write it into the file"):
+        MqttSettings(username="tool", password_file=file).read_password()
+
+
+def test_the_path_of_a_socket_may_hold_spaces() -> None:
+    assert MqttSettings(host="/run/my broker/socket", transport="unix").host == "/run/my broker/socket"
 
 
 def test_a_password_file_that_is_missing_is_named(tmp_path: Path) -> None:

@@ -451,6 +451,25 @@ def test_a_damaged_activation_is_named_and_not_passed_over(tmp_path: Path, conte
     assert reason_of(lambda: load_active(tmp_path, tool_id="tool-7", now_s=NOW)) is RecordReason.MALFORMED
 
 
+@pytest.mark.parametrize("lost", [(1,), (2,), (1, 2)])
+def test_an_activation_that_was_lost_changes_nothing_of_what_is_in_force(tmp_path: Path, lost: tuple[int, ...]) -> None:
+    store = CalibrationStore(tmp_path)
+    first, second = make(seed=1), make(seed=2)
+    for record in (first, second):
+        store.activate(record, now_s=NOW)
+    store.rollback("tool-7", now_s=NOW)
+    for number in lost:
+        (tmp_path / "activations" / f"{number:08d}.json").unlink()
+    assert store.active("tool-7").id == first.id
+    assert store.was_taken_back("tool-7", second.id) is (2 not in lost)
+    store.activate(second, now_s=NOW)
+    assert store.rollback("tool-7", now_s=NOW).record_id == first.id
+    store.take_out("tool-7", now_s=NOW)
+    for path in sorted((tmp_path / "activations").iterdir())[:-1]:
+        path.unlink()
+    assert store.active_id("tool-7") is None
+
+
 def test_a_file_that_is_not_there_or_not_text_is_wrong_input(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"none\.json"):
         read_record(tmp_path / "none.json")

@@ -32,7 +32,13 @@ from highside.recording.locks import lock
 log = logging.getLogger("highside")
 
 SUFFIX = ".journal"
+_FIRST = b'{"n":0,'
 _NAME = re.compile(r"^(?P<tool>.+)_\d{8}T\d{6}Z(?:-\d+)?\.journal$")
+
+
+def is_journal(path: Path, data: bytes) -> bool:
+    """Whether what a file holds is the journal of a session: by its name or, under another, by how it begins."""
+    return path.suffix == SUFFIX or data.startswith(_FIRST)
 
 
 class JournalFile:

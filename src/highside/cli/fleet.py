@@ -217,10 +217,10 @@ def archive_command(
     import signal
     import threading
 
+    from highside.config.mqtt import password_in
     from highside.fleet.archive import Archive, Broker, follow
-    from highside.reading import read_named
 
-    password = None if password_file is None else read_named(password_file, field="--password-file").decode().strip()
+    password = None if password_file is None else password_in(password_file, "--password-file")
     archive, ending = Archive(out), threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: ending.set())

@@ -164,14 +164,15 @@ def _require_attainable(found: Verification) -> None:
 def read_poses(path: Path, *, reference: str = "pose") -> PoseSet:
     """The poses of a table, or those that a bench session accepted. Raises InputError."""
     from highside.api.calibration import read_solver_table
-    from highside.bench.journal_file import SUFFIX
+    from highside.bench.journal_file import is_journal
     from highside.bench.session.journal import read_journal
     from highside.calibration.pose_table import solver_columns
     from highside.calibration.poses import PoseSet
     from highside.reading import read_bytes
 
-    if path.suffix == SUFFIX:
-        columns = read_journal(read_bytes(path), where=str(path)).ledger().pose_columns()
+    data = read_bytes(path)
+    if is_journal(path, data):
+        columns = read_journal(data, where=str(path)).ledger().pose_columns()
         if not columns["ax"]:
             raise InputError("no pose was accepted in this session", where=str(path))
     else:

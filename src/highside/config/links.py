@@ -59,6 +59,14 @@ class _Link(SupervisorSettings):
         """Whether it may be opened before anybody takes what arrives."""
         return True
 
+    def same_line(self, other: _Link) -> bool:
+        """Whether the other describes the same open link, and differs in when it is called silent or tried again at
+        most."""
+        if type(self) is not type(other):
+            return False
+        when = (*SupervisorSettings.model_fields, "wait_at_start")
+        return self.model_copy(update={name: getattr(other, name) for name in when}) == other
+
     def transport(self) -> Transport:
         """A fresh transport for one attempt."""
         raise AssertionError("each kind of link makes its own")

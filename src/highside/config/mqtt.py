@@ -10,7 +10,7 @@ from pydantic import Field, SecretStr, model_validator
 
 from highside.errors import InputError
 from highside.reading import SECRET_MAX, read_named
-from highside.reading.config_table import ConfigTable
+from highside.reading.config_table import ConfigTable, is_host_name
 
 CREDENTIAL_NAME = "mqtt_password"
 """Name of the systemd credential that is used when no `password_file` is given."""
@@ -89,6 +89,8 @@ class MqttSettings(ConfigTable):
     def _consistent(self) -> Self:
         if self.reconnect_max_s < self.reconnect_min_s:
             raise ValueError("`reconnect_max_s` is below `reconnect_min_s`")
+        if self.transport == "tcp" and not is_host_name(self.host):
+            raise ValueError("`host` is a name or an address, without spaces and without /")
         if self.transport == "unix" and self.tls is not None:
             raise ValueError("`tls` is for transport 'tcp' alone")
         if self.password_file is not None and self.username is None:
@@ -112,10 +114,15 @@ class MqttSettings(ConfigTable):
             path = Path(credentials) / CREDENTIAL_NAME
         elif credentials is not None and len(path.parts) == 1 and (Path(credentials) / path).is_file():
             path = Path(credentials) / path
-        try:
-            text = read_named(path, "mqtt.password_file", max_bytes=SECRET_MAX).decode()
-        except UnicodeDecodeError:
-            raise InputError(
-                "is not UTF-8 text", where=str(path), field="mqtt.password_file", remedy="name the right file"
-            ) from None
-        return SecretStr(text.strip("\r\n"))
+        return SecretStr(password_in(path, "mqtt.password_file"))
+
+
+def password_in(path: Path, field: str) -> str:
+    """The password that is all that a file holds, without the line's end. Raises `InputError`."""
+    try:
+        text = read_named(path, field, max_bytes=SECRET_MAX).decode().strip("\r\n")
+    except UnicodeDecodeError:
+        raise InputError("is not UTF-8 text", where=str(path), field=field, remedy="name the right file") from None
+    if not text.strip():
+        raise InputError("holds no password", where=str(path), field=field, remedy="write it into the file")
+    return text

@@ -16,7 +16,7 @@ from highside.physics.gravity import (
     normal_gravity_mps2,
     normal_gravity_std_mps2,
 )
-from highside.reading.config_table import ConfigTable
+from highside.reading.config_table import ConfigTable, HostName
 
 Level = Annotated[float, Field(gt=0, le=100_000)]
 
@@ -194,7 +194,7 @@ class WitsServer(_Wits):
     """Rigs connect to us."""
 
     kind: Literal["tcp_server"]
-    host: str = Field(default="127.0.0.1", min_length=1, description="Address listened on; loopback unless given.")
+    host: HostName = Field(default="127.0.0.1", min_length=1, description="Address listened on; loopback unless given.")
     port: int = Field(ge=0, le=65_535)
     max_peers: int = Field(default=8, ge=1, le=256)
 
@@ -203,7 +203,7 @@ class WitsClient(_Wits):
     """We connect to the rig."""
 
     kind: Literal["tcp_client"]
-    host: str = Field(min_length=1)
+    host: HostName = Field(min_length=1)
     port: int = Field(ge=1, le=65_535)
 
 
@@ -213,7 +213,7 @@ WitsConfig = Annotated[WitsSerial | WitsServer | WitsClient, Field(discriminator
 class MetricsSettings(ConfigTable):
     """The table `[metrics]`: figures for Prometheus; present, even if empty: they are served."""
 
-    host: str = Field(default="127.0.0.1", min_length=1, description="Address listened on; loopback unless given.")
+    host: HostName = Field(default="127.0.0.1", min_length=1, description="Address listened on; loopback unless given.")
     port: int = Field(default=9479, ge=0, le=65_535)
 
 

@@ -15,7 +15,7 @@ from highside.config.places import acts
 from highside.config.users import read_users
 from highside.errors import InputError
 from highside.reading import CERTIFICATES_MAX, SECRET_MAX, read_named
-from highside.reading.config_table import ConfigTable
+from highside.reading.config_table import ConfigTable, HostName
 
 TOKEN_MIN = 16
 
@@ -97,7 +97,7 @@ class WebTable(ConfigTable):
     """A page. Without users anybody who reaches it may look, and commands need the token; with users everybody has to
     sign in, and there is no token."""
 
-    host: str = Field(default="127.0.0.1", min_length=1, description="Address to listen on; 0.0.0.0: all.")
+    host: HostName = Field(default="127.0.0.1", min_length=1, description="Address to listen on; 0.0.0.0: all.")
     port: int = Field(default=8765, ge=0, le=65_535, description="0: any that is free.")
     token_file: Path | None = Field(
         default=None, description="File with the token for commands; absent: a new one each time, printed at the start."

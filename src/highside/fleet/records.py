@@ -23,6 +23,8 @@ __all__ = ["page_of_records", "read_history", "sentence_of_records", "to_dict"]
 
 SCHEMA = "highside.fleet-records/1"
 DAY_S = 86400.0
+BESIDE_RECORDS = ("activations", "turntables")
+"""folders of a store beside `records`"""
 MOST_CHARTS = 12
 """tools of which a control chart is drawn: those that departed first, then those that are due first"""
 
@@ -30,10 +32,12 @@ MOST_CHARTS = 12
 def read_history(folder: Path, limit_deg: float) -> tuple[Stability, dict[str, str]]:
     """Judge all records (`*.json`) below a folder; with the files that were left out, and why.
 
-    Raises InputError where no record is there. A store keeps other JSON files too: those are left out in words.
+    Raises InputError where no record is there. What a store keeps beside its records is none and no word is said of it.
     """
     points, omitted = {}, {}
     for path in sorted(folder.rglob("*.json")):
+        if path.parent.name in BESIDE_RECORDS and path.parent.with_name("records").is_dir():
+            continue
         try:
             point = point_of(read_record(path))
         except HighsideError as error:

@@ -239,7 +239,13 @@ class LinkSupervisor:
         self._last_data = 0.0
         self._had_data = False
         self._sink_fault: asyncio.Future[None] | None = None
+        self._look = asyncio.Event()
         self.stats = LinkStats()
+
+    def apply(self, settings: SupervisorSettings) -> None:
+        """Other limits from now on; an open link stays open."""
+        self._settings = settings
+        self._look.set()
 
     async def run(self) -> None:
         self._sink_fault = asyncio.get_running_loop().create_future()
@@ -277,13 +283,16 @@ class LinkSupervisor:
     async def _watch(self, transport: Transport) -> LinkError:
         """Wait for the transport's end, or give up on its silence."""
         assert self._sink_fault is not None
-        settings, clock = self._settings, self._clock
+        clock = self._clock
         self._last_data = clock.monotonic()
         stale = False
         closed = asyncio.ensure_future(transport.wait_closed())
         try:
             while True:
-                waiting: set[asyncio.Future[object]] = {closed, self._sink_fault}  # type: ignore[arg-type]
+                settings = self._settings
+                self._look.clear()
+                look = asyncio.ensure_future(self._look.wait())
+                waiting: set[asyncio.Future[object]] = {closed, self._sink_fault, look}  # type: ignore[arg-type]
                 sleeper: asyncio.Future[None] | None = None
                 if settings.stale_after_s > 0:
                     wait_s = self._last_data + settings.stale_after_s - clock.monotonic()
@@ -297,12 +306,15 @@ class LinkSupervisor:
                 try:
                     await asyncio.wait(waiting, return_when=asyncio.FIRST_COMPLETED)
                 finally:
+                    look.cancel()
                     if sleeper is not None:
                         sleeper.cancel()
                 if self._sink_fault.done():
                     self._sink_fault.result()
                 if closed.done():
                     return closed.result()
+                if self._look.is_set():
+                    continue
                 quiet_s = clock.monotonic() - self._last_data
                 stale = quiet_s >= settings.stale_after_s
                 if quiet_s >= max(settings.reopen_after_s, settings.stale_after_s):

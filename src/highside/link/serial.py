@@ -70,6 +70,13 @@ class SerialSettings(ConfigTable):
     xonxoff: bool = False
     rtscts: bool = False
 
+    @field_validator("port")
+    @classmethod
+    def _url_has_no_space(cls, value: str) -> str:
+        if "://" in value and any(character.isspace() for character in value):
+            raise ValueError("a URL has no spaces")
+        return value
+
     @field_validator("stopbits")
     @classmethod
     def _stopbits_exist(cls, value: float) -> float:

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -217,14 +217,9 @@ class CalibrationStore:
 
     def was_taken_back(self, tool_id: str, record_id: str) -> bool:
         """Whether a record of this tool was rolled back and has not been put in force since."""
-        stack: list[str] = []
         taken_back: set[str] = set()
-        for entry in self.history(tool_id):
-            if entry.action == "rollback":
-                taken_back.add(stack.pop())
-            elif not stack or stack[-1] != entry.record_id:
-                stack.append(entry.record_id)
-        return record_id in taken_back - set(stack)
+        stack = _standing(self.history(tool_id), taken_back)
+        return record_id in taken_back - {entry.record_id for entry in stack}
 
     def tools(self) -> list[str]:
         """The tools for which something was ever put in force."""
@@ -244,13 +239,7 @@ class CalibrationStore:
 
     def _stack(self, tool_id: str) -> list[Activation]:
         """Activations still standing: a roll back takes the last one away. One repeated counts once."""
-        stack: list[Activation] = []
-        for entry in self.history(tool_id):
-            if entry.action == "rollback":
-                stack.pop()
-            elif not stack or stack[-1].record_id != entry.record_id:
-                stack.append(entry)
-        return stack
+        return _standing(self.history(tool_id), set())
 
     def _append(self, tool_id: str, record_id: str, action: str, now_s: float, undoes: int | None) -> Activation:
         entries = self.history()
@@ -297,6 +286,23 @@ class CalibrationStore:
             yield
         finally:
             os.close(descriptor)
+
+
+def _standing(history: Sequence[Activation], taken_back: set[str]) -> list[Activation]:
+    """The activations that no roll back took away; ids of the records that one did go into `taken_back`.
+
+    Each entry says what is in force after it, so that one that was lost changes nothing of what is: a roll back whose
+    activation is not there takes none away.
+    """
+    stack: list[Activation] = []
+    for entry in history:
+        if entry.action == "rollback" and stack and stack[-1].number == entry.undoes:
+            taken_back.add(stack.pop().record_id)
+        if not entry.record_id:
+            stack.clear()
+        elif not stack or stack[-1].record_id != entry.record_id:
+            stack.append(entry)
+    return stack
 
 
 def _read_activation(path: Path) -> Activation:

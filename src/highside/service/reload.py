@@ -7,7 +7,8 @@
    `wait_at_start` says that it may come later. What stands where the running part stands (the same serial port with
    another baud rate, the same listening port) can only be opened when that is closed: that is done last of all, and
    should the new one fail, the old one is opened again as it was. Only then is anything interrupted, and by the time
-   that closing and opening take.
+   that closing and opening take: what the tool sends meanwhile is lost, and counted as a gap. A link whose limits of
+   silence or pauses alone change stays open.
 4. *Build* again, since the running parts went on in the meantime, and *swap* them in.
 
 Whatever is raised before the swap, and by whatever, leaves the service as it was: what was opened is closed, what was
@@ -210,7 +211,7 @@ class Reload:
         parts = replace(parts, pipeline=pipeline)
         if new.mqtt != before.mqtt:
             parts = replace(parts, publisher=service.make_publisher(new))
-        if new.link != before.link:
+        if not new.link.same_line(before.link):
             tap = service.make_tap()
             parts = replace(parts, tap=tap, supervisor=make_supervisor(new.link, tap, opened.link))
         return parts
@@ -225,7 +226,7 @@ class Reload:
             lock = ToolLock(new.tool.id, new.mqtt)
             undo.callback(lock.release)
             found = replace(found, tool_lock=lock)
-        link_stays = new.link == old.link
+        link_stays = new.link.same_line(old.link)
         link_first = not link_stays and not self._link_in_the_way(new)
         if link_first:
             found = replace(found, link=await self._open_link(new, undo))
@@ -304,6 +305,8 @@ class Reload:
                 made["wits_task"] = service.leaving.successor("wits", old.wits_task, lambda: run_outputs(outputs))
             service.take(replace(parts, **made))
             undo.pop_all()
+            if parts.supervisor is old.supervisor:
+                parts.supervisor.apply(parts.settings.link.supervisor())
         except BaseException:
             for task in made.values():
                 task.cancel()

@@ -21,8 +21,8 @@ def error_told(error: HighsideError, of: str = "") -> str:
         return one_line(line)
     # the first of several mistakes may have nothing that is to be done
     first, *others = f" {error.remedy}".split(_ALSO)
-    remedy = f" {told(first.strip(), of)}" if first.strip() else ""
-    return one_line(_(_ALSO).join([f"{line};{remedy}", *(_also(one, of) for one in others)]))
+    remedy = f"; {told(first.strip(), of)}" if first.strip() else ""
+    return one_line(_(_ALSO).join([f"{line}{remedy}", *(_also(one, of) for one in others)]))
 
 
 def _also(mistake: str, of: str) -> str:
