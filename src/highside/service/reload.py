@@ -303,13 +303,14 @@ class Reload:
             if parts.rig.outputs is not old.rig.outputs:
                 outputs = parts.rig.outputs
                 made["wits_task"] = service.leaving.successor("wits", old.wits_task, lambda: run_outputs(outputs))
-            service.take(replace(parts, **made))
-            undo.pop_all()
             if parts.supervisor is old.supervisor:
                 parts.supervisor.apply(parts.settings.link.supervisor())
+            service.take(replace(parts, **made))
+            undo.pop_all()
         except BaseException:
             for task in made.values():
                 task.cancel()
+            old.supervisor.apply(old.settings.link.supervisor())
             service.take(old)
             raise
 
