@@ -49,6 +49,23 @@ def test_creep_that_follows_the_pose_is_found() -> None:
     assert any("creep" in one.remedy and one.channels == ("ay",) for one in found)
 
 
+def test_a_converter_coarser_than_the_noise_creeps_nowhere() -> None:
+    """Poses that jump by a step of the converter, beside others that stay, crept in 55 of 300 such sessions."""
+    rng = np.random.default_rng(5)
+    poses, rows, step = 30, 8, 2e-4
+    numbers = [np.arange(k * rows, (k + 1) * rows) for k in range(poses)]
+    course = np.zeros((3, poses, rows))
+    course[1] = 3 * rng.standard_normal((poses, 1)) * np.linspace(-1, 1, rows)
+    told = []
+    for _ in range(24):
+        levels = rng.uniform(-100, 100, (3, poses, 1)) + 0.05 * rng.standard_normal((3, poses, rows))
+        for put in (0.0, 1.0):
+            readings = step * np.round(levels + put * course)
+            told.append(within_poses(readings.reshape(3, -1), numbers, 1.0))
+    assert not any(told[::2])
+    assert all(any("creep" in one.remedy and one.channels == ("ay",) for one in found) for found in told[1::2])
+
+
 def test_a_line_is_found_with_its_frequency() -> None:
     rng = np.random.default_rng(4)
     phase = rng.uniform(0, 2 * np.pi, (POSES, 1))

@@ -66,6 +66,11 @@ def lattice_step(values: Array) -> float:
     return step if float(off.max()) < FLOOR.lattice_off else 0.0
 
 
+def rounding_variance(step: float) -> float:
+    """Variance of the error that a converter's step makes, wherever on the lattice a reading falls."""
+    return step**2 / 12
+
+
 def floor_of_means(values: Array, rows: Sequence[Ints]) -> NoiseFloor | None:
     """The floor of the means of channels (C, N) over intervals `rows`; None where intervals have one row only."""
     count = np.array([r.size for r in rows], dtype=float)
@@ -79,7 +84,7 @@ def floor_of_means(values: Array, rows: Sequence[Ints]) -> NoiseFloor | None:
         mean = variance / count
         if variance < (FLOOR.dither * step) ** 2:
             # without dither the mean is as coarse as a reading
-            mean = mean + step**2 / 12
+            mean = mean + rounding_variance(step)
         sigma[c], freedom = np.sqrt(np.maximum(mean, FLOOR.least**2)), min(freedom, known)
     return NoiseFloor(sigma, freedom)
 

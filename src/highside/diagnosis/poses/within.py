@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 from scipy.special import fdtrc
 
 from highside.arrays import Array
+from highside.diagnosis.core.finding_policy import FLOOR
+from highside.diagnosis.core.floor import lattice_step, rounding_variance
 from highside.diagnosis.core.result import DiagnosisResult, Finding
 from highside.diagnosis.poses.policy import WITHIN
 
@@ -44,9 +46,16 @@ def within_poses(accel_g: Array, rows: Sequence[Ints], row_seconds: float) -> tu
     for c, name in enumerate(CHANNELS):
         stacked = np.stack([accel_g[c, r] for r in kept])
         left = stacked - stacked.mean(axis=1, keepdims=True)
-        for course in _courses(left, row_seconds):
+        for course in _courses(left, row_seconds, _rounding(stacked, left)):
             found.setdefault(course.words, []).append((name, course))
     return tuple(_finding(words, each) for words, each in found.items())
+
+
+def _rounding(rows: Array, left: Array) -> float:
+    """Variance that rounding adds to rows (poses, length): where a converter's step is coarser than their noise they
+    stay or jump by a whole step, and the scatter of most poses tells nothing of those that jump."""
+    step = lattice_step(rows)
+    return rounding_variance(step) if float(np.std(left)) < FLOOR.dither * step else 0.0
 
 
 def with_courses(diagnosis: DiagnosisResult, found: Sequence[Finding]) -> DiagnosisResult:
@@ -69,8 +78,8 @@ def _finding(words: str, each: Sequence[tuple[str, _Course]]) -> Finding:
     return Finding(CHECK, tuple(name for name, _ in each), min(course.p for _, course in each), remedy)
 
 
-def _courses(left: Array, row_seconds: float) -> list[_Course]:
-    """Courses of a channel from rows (poses, length) less their means."""
+def _courses(left: Array, row_seconds: float, rounding: float) -> list[_Course]:
+    """Courses of a channel from rows (poses, length) less their means, of noise of at least this variance."""
     poses, length = left.shape
     shapes = _shapes(length)
     phi = _memory(left - (left @ shapes.T) @ shapes)
@@ -79,7 +88,7 @@ def _courses(left: Array, row_seconds: float) -> list[_Course]:
     q, r = np.linalg.qr(design.T)
     scores = white @ q
     freedom = poses * (length - 1 - len(design))
-    noise = float(np.sum((white - scores @ q.T) ** 2)) / freedom
+    noise = max(float(np.sum((white - scores @ q.T) ** 2)) / freedom, rounding * (1 + phi**2))
     if noise <= 0.0:
         return []
     trends = scores[:, 1:]
