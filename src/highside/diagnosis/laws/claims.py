@@ -146,16 +146,16 @@ def heldout(white: Whitened, terms: list[LawTerm], k: int) -> float:
 
 
 def proved(found: Found) -> Found:
-    """The terms without the laws that predict values held out worse than the others do without them, one by one.
+    """The terms without the laws that are worth less on values held out than a law must be, one by one.
 
     The evidence of a law that follows what the others leave between their functions is high, and so is what it does
-    wrongly elsewhere. A law that is alone stays: it is beside nothing.
+    wrongly elsewhere; and one that follows an outlying value has nothing to say of the others.
     """
-    while len(found.terms) > 1:
+    while found.terms:
         white, terms = found.whitened(), list(found.terms)
         gains = [np.inf if term.group.effect else heldout(white, terms, k) for k, term in enumerate(terms)]
         worst = int(np.argmin(gains))
-        if gains[worst] >= 0.0:
+        if gains[worst] >= LAW_REPORT.held_out:
             break
         found = found.only([k for k in range(len(terms)) if k != worst])
     return found
