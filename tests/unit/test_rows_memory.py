@@ -83,6 +83,14 @@ def test_scatter_that_the_rows_show_to_be_noise_is_a_wandering_offset() -> None:
     assert with_remembering_rows(session, base_of(session), located, REPORT)[0] is located
 
 
+def test_scatter_that_the_rows_cannot_tell_from_noise_is_not_testable() -> None:
+    session = session_of("white", 7, rows=2)
+    assert abs(nats(session)) < ROWS_MEMORY.found
+    found, _ = with_remembering_rows(session, base_of(session), DiagnosisResult("unknown"), REPORT)
+    assert found.verdict == "not_testable"
+    assert "hold each pose longer" in found.remainder.hints[0]
+
+
 def test_single_rows_say_nothing() -> None:
     session = session_of("level", 6, rows=1)
     assert rows_memory(session, base_of(session)) is None

@@ -5,7 +5,8 @@ more kinds (errors of the set angles or of the whole level, first-order levels, 
 Where one of them takes down to the floor what was "something without a name", that is the answer. And where errors of
 the set angles take much in few poses, and are larger than a bench makes them, they may as well be a law of these
 angles: that is no "nothing", it is not testable. Poses that scatter more than they repeat, with no memory from pose to
-pose, are asked once more row by row: noise with a memory shows within them.
+pose, are asked once more row by row: noise with a memory shows within them, something left out does not. Where the rows
+speak for neither, that is not testable.
 """
 
 from __future__ import annotations
@@ -45,15 +46,22 @@ def with_remembering_rows(
     session: PoseSession, base: Array, diagnosis: DiagnosisResult, report: ReportData
 ) -> tuple[DiagnosisResult, ReportData]:
     """The diagnosis of poses that scatter more than they repeat, where the rows within them show that this is noise
-    with a memory; `base` (P, 3, n) may be refitted."""
+    with a memory, or cannot tell it from something left out; `base` (P, 3, n) may be refitted."""
     if diagnosis.verdict != "unknown" or not _by_scatter_alone(diagnosis):
         return diagnosis, report
     known = rows_memory(session, base)
-    if known is None or known.nats < ROWS_MEMORY.found:
+    if known is None or known.nats <= -ROWS_MEMORY.found:
         return diagnosis, report
     noise = {**diagnosis.noise, "rows_memory_evidence": known.nats, "rows_memory_s": known.length_s}
-    words = "what is left is taken for noise: a zero offset that wanders"
-    return hinted(replace(diagnosis, verdict="wander", noise=noise), words), report
+    diagnosis = replace(diagnosis, noise=noise)
+    if known.nats >= ROWS_MEMORY.found:
+        words = "what is left is taken for noise: a zero offset that wanders"
+        return hinted(replace(diagnosis, verdict="wander"), words), report
+    words = (
+        "the rows within the poses do not tell whether the poses disagree by noise with a memory or by something that "
+        "was left out: hold each pose longer, or record each several times"
+    )
+    return hinted(replace(diagnosis, verdict="not_testable"), words), report
 
 
 def _by_scatter_alone(diagnosis: DiagnosisResult) -> bool:
@@ -82,8 +90,9 @@ def _identified(diagnosis: DiagnosisResult, found: Found) -> DiagnosisResult:
 
 
 def _enough() -> int:
-    """Poses in which errors of the set angles are distinguished from a law of them."""
-    return LAW_VERDICT.poses_a_function * LAW_GROUPS.cosines
+    """Poses in which errors of the set angles are distinguished from a law of them: that of the toolface has the most
+    functions, a cosine and a sine of each order."""
+    return LAW_VERDICT.poses_a_function * max(LAW_GROUPS.cosines, 2 * LAW_GROUPS.orders)
 
 
 def _usual(noise: LawNoise) -> bool:

@@ -113,6 +113,10 @@ ANSWERS = (
         "poses such noise cannot be distinguished from something slow, as what follows time or temperature is; "
         "record %(enough)s poses or more, at temperatures that are not in order"
     ),
+    said_later(
+        "the rows within the poses do not tell whether the poses disagree by noise with a memory or by something that "
+        "was left out: hold each pose longer, or record each several times"
+    ),
     said_later("%(size)s deg of inclination"),
     said_later("%(size)s deg of toolface"),
     said_later("%(inc)s deg of inclination, %(tf)s deg of toolface"),

@@ -129,7 +129,7 @@ class RowsMemoryPolicy:
 
     found: float = 3.0
     """Nats by which a level that forgets must be ahead of an error of each pose, all channels together, to be what the
-    poses scatter by. Source: strong evidence (Kass and Raftery 1995)."""
+    poses scatter by; and behind it, to be not. Source: strong evidence (Kass and Raftery 1995)."""
     rows: float = 2.0
     """Rows of a pose, in the mean, from which they are asked. Source: two differ, one does not."""
     stretches: int = 16
