@@ -4,6 +4,7 @@
     python -m studies.open_world.score [--seed HASH] [--out FOLDER]     `highside diagnose` and `predict` on each case
     python -m studies.open_world.table [--seed HASH] [--out FOLDER]     every bar with its figure and interval
     python -m studies.open_world.given --seed SEED                      what closes with the true places given
+    python -m studies.open_world.limit --seed HASH                      what theory allows to close and to tell
     python -m studies.open_world.check [MANIFEST]                       nobody has changed a case or an answer
 
 `world` is the physics (gravity turned by Euler angles, the sensor's equations), `designs` the sessions, `noises` the
