@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import fnmatch
 import re
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -33,6 +34,7 @@ PLACES = (
 """where an answer may put a law"""
 COVARIATES_OF_LABEL = re.compile(r"((?:previous_)?load_[xyz]|.+?)(?:_x_(.+))?")
 """one name or two; that of a load may end as the word between two begins"""
+LAGGING = re.compile(r"temp_filtered_[0-9]+")
 QUIET = ("nothing_left_out", "not_testable")
 
 
@@ -76,8 +78,6 @@ def outside(s: Session, hidden: np.ndarray, columns: np.ndarray, sigma: tuple[fl
 
 def accepted(law: Row, design: str) -> set[Key]:
     """The places and covariates that say the same as a law does, in the words of `diagnosis.json`."""
-    from highside.physics.covariates import LAGS_S  # not above: the package that answers is chosen later
-
     channels = {axis for axis, weight in zip("xyz", law["weights"], strict=False) if weight}
     places = {law["place"]}
     if law["place"] == "scale" and len(channels) == 3:
@@ -104,8 +104,6 @@ def accepted(law: Row, design: str) -> set[Key]:
                 same.add("load")
         if name == "rate":
             same.add("rate_sign") if law["shape"]["kind"] in ("threshold_tanh", "saturation") else None
-        if name == "temp_filtered":
-            same |= {f"temp_filtered_{lag}" for lag in LAGS_S}
         options.append(same)
     chosen = [frozenset()]
     for same in options:
@@ -128,7 +126,7 @@ def wider(truth: set[Key], claim: Key) -> bool:
 
 
 def key_of(claim: Row) -> Key:
-    return claim.get("place") or "", frozenset(claim.get("depends_on") or ())
+    return claim.get("place") or "", _covariates(claim.get("depends_on") or ())
 
 
 def key_of_label(label: str) -> Key | None:
@@ -139,7 +137,12 @@ def key_of_label(label: str) -> Key | None:
         return None
     follows = own.removeprefix(f"{place}_").partition("_")[2]
     names = COVARIATES_OF_LABEL.fullmatch(follows)
-    return place, frozenset(name for name in names.groups() if name) if names else frozenset()
+    return place, _covariates(name for name in names.groups() if name) if names else frozenset()
+
+
+def _covariates(names: Iterable[str]) -> frozenset[str]:
+    """Names of covariates; of temperatures that lag the time constant does not count."""
+    return frozenset(LAGGING.sub("temp_filtered", name) for name in names)
 
 
 def is_law(claim: Row) -> bool:

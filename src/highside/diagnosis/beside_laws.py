@@ -28,7 +28,7 @@ from highside.diagnosis.laws.search import Found, Search
 from highside.diagnosis.name_groups import name_groups, resembled
 from highside.diagnosis.names_instead import alike_of, implausible, names_of, with_names_instead
 from highside.physics import effects as library
-from highside.physics.covariates import FILTERED
+from highside.physics.covariates import lag_of
 from highside.physics.effects import title_of
 from highside.physics.forward import ForwardModel
 from highside.physics.law import PREFIX, Law
@@ -47,7 +47,7 @@ COLUMNS = {
 """columns of a recording that covariates of laws are"""
 OFFSETS = frozenset({"offset", "gyro_offset"})
 """places in which a random walk of the zero offset acts"""
-SLOW = frozenset({"time", "temp", "temp_rate", *FILTERED})
+SLOW = frozenset({"time", "temp", "temp_rate"})
 """covariates that run as slowly as such a random walk"""
 
 
@@ -203,7 +203,7 @@ def _as_slow(found: Found, k: int, effect: str) -> bool:
         return library.get(effect).slow
     # at one inclination an element of the load matrix is an offset: what may be one is judged as one
     shifts = any(group.place in OFFSETS for group in found.classes[k])
-    return shifts and SLOW.issuperset(found.terms[k].group.depends_on)
+    return shifts and all(name in SLOW or lag_of(name) for name in found.terms[k].group.depends_on)
 
 
 def _refused_by_name(

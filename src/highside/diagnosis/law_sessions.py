@@ -23,7 +23,7 @@ from highside.diagnosis.laws.chain import OF_POSES, OF_ROTATION, chain_problem, 
 from highside.diagnosis.laws.groups import HISTORY
 from highside.diagnosis.laws.noise import step_of
 from highside.diagnosis.laws.policy import LAW_CELLS, LAW_FLOOR
-from highside.diagnosis.laws.problem import LawProblem, PlaceField, fields_that_act
+from highside.diagnosis.laws.problem import CovariateValues, LawProblem, PlaceField, fields_that_act
 from highside.diagnosis.magnitude.observed import Magnitudes
 from highside.diagnosis.magnitude.session import MagnitudeSession
 from highside.diagnosis.poses.session import PoseSession
@@ -255,8 +255,8 @@ class MagnitudeLaws:
         known = covariate_values(aligned.state, np.asarray(model.chain(aligned.state).force, dtype=float))
         # where it points is not known but from what it reads: that is the load
         unknown = {"inc", "tf", "tf_fraction", *(HISTORY if self.session.rest else ())}
-        covariates = {name: values for name, values in known.items() if name not in unknown}
         t_s = self.session.t_s
+        covariates = CovariateValues({k: values for k, values in known.items() if k not in unknown}, aligned.state.t_s)
         return LawProblem(residual, free, fields, covariates, self.floor, t_s, None, self.channels)
 
     @property

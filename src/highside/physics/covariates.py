@@ -1,12 +1,14 @@
 """What a law may depend on: one function for each name, of the chain's state and the load on the triad.
 
-`COVARIATES` is the one place in which a name is added. A name that stands not in it is a numeric column of the
+`COVARIATES` is the one place in which a name is added; it lists some of the temperatures that lag and knows every whole
+number of seconds (`temp_filtered_613`). A name that stands not in it is a numeric column of the
 recording (`ChainState.extra`). Angles are in degrees, rates in deg/s, the load in g, time in s since the first row.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,7 +23,9 @@ OWN = -1
 """axis of a channel that is not one of the triad"""
 LAGS_S = (60, 90, 130, 200, 300, 450, 650, 900, 1200, 1800, 2700, 4000)
 """Time constants of a temperature that lags, s: each about 1.5 times the one before, so that none is off by more than a
-quarter. Source: chosen; from a sensor in its housing to a bench in a room"""
+quarter. Source: chosen; from a sensor in its housing to a bench in a room. Between these it is estimated of a law that
+was found"""
+LAGGING_NAME = re.compile(r"temp_filtered_([1-9]\d{0,5})")
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,11 +73,46 @@ def _previous_load(state: ChainState, load: AnyArray, axis: int) -> AnyArray:
     return np.repeat(np.concatenate([first[:1], first[:-1]]), length)
 
 
-def _filtered(tau_s: float) -> Callable[[ChainState, AnyArray, int], AnyArray]:
-    return lambda state, load, axis: low_pass(state.t_s, np.asarray(state.temp_c, dtype=float), tau_s)
+def lag_of(name: str) -> int:
+    """Time constant, s, of a covariate that is a temperature that lags; 0 of every other."""
+    found = LAGGING_NAME.fullmatch(name)
+    return int(found[1]) if found else 0
 
 
-COVARIATES: dict[str, Covariate] = {
+def lagging_name(lag_s: int) -> str:
+    """Name of the temperature that lags by so many seconds."""
+    return f"temp_filtered_{lag_s}"
+
+
+def _lagging(lag_s: int) -> Covariate:
+    return Covariate(
+        "C",
+        said("temperature that lags by %(lag)s s", lag=lag_s),
+        lambda state, load, axis: low_pass(state.t_s, np.asarray(state.temp_c, dtype=float), float(lag_s)),
+        history=True,
+        clock=True,
+    )
+
+
+class _Covariates(Mapping[str, Covariate]):
+    """Covariates by name: those that are listed; and temperatures of any lag, which are known and not listed."""
+
+    def __init__(self, listed: Mapping[str, Covariate]) -> None:
+        self._listed = listed
+
+    def __getitem__(self, name: str) -> Covariate:
+        if name not in self._listed and (lag := lag_of(name)):
+            return _lagging(lag)
+        return self._listed[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._listed)
+
+    def __len__(self) -> int:
+        return len(self._listed)
+
+
+COVARIATES: Mapping[str, Covariate] = _Covariates({
     "load": Covariate("g", "load on the own axis", _own_load, own=True),
     "load_x": Covariate("g", "load on x", _on_axis(0)),
     "load_y": Covariate("g", "load on y", _on_axis(1)),
@@ -90,19 +129,14 @@ COVARIATES: dict[str, Covariate] = {
     "acceleration": Covariate("deg/s2", "angular acceleration", lambda s, f, a: np.degrees(s.rotor_accel_radps2)),
     "temp": Covariate("C", "temperature", lambda s, f, a: s.temp_c),
     "temp_rate": Covariate("C/s", "rate of the temperature", lambda s, f, a: s.temp_rate_cps, clock=True),
-    **{
-        f"temp_filtered_{lag}": Covariate(
-            "C", said("temperature that lags by %(lag)s s", lag=lag), _filtered(float(lag)), history=True, clock=True
-        )
-        for lag in LAGS_S
-    },
+    **{lagging_name(lag): _lagging(lag) for lag in LAGS_S},
     "vibration": Covariate("g", "vibration", lambda s, f, a: s.vibration_rms_g),
     "time": Covariate("s", "time", lambda s, f, a: s.t_s - s.t_s[:1], clock=True),
     "time_since_move": Covariate("s", "time since the last move", _since_move, history=True, clock=True),
     "previous_load": Covariate("g", "load in the pose before", _previous_load, own=True, history=True),
-}
+})  # fmt: skip
 """All names that are known beforehand."""
-FILTERED = tuple(f"temp_filtered_{lag}" for lag in LAGS_S)
+FILTERED = tuple(map(lagging_name, LAGS_S))
 """of these the temperatures that lag"""
 
 

@@ -17,8 +17,8 @@ import numpy as np
 
 from highside.arrays import AnyArray
 from highside.errors import InputError
-from highside.physics.covariates import COVARIATES, FILTERED, covariate
-from highside.physics.law import Axis, Law
+from highside.physics.covariates import COVARIATES, covariate, lag_of
+from highside.physics.law import MARGIN, Axis, Law
 
 BEYOND = 10.0
 """Gate of an amplitude in multiples of what was learnt. Source: chosen; a sensor of the same kind may show it larger,
@@ -46,6 +46,7 @@ CODE: dict[str, str] = {
     "sine": "np.sin(2 * np.pi * {u} / {0})",
     "straight": "((2 * {u} - 2 * {low}) / {span} - 1)",
     "square": "((2 * {u} - 2 * {low}) / {span} - 1) ** 2",
+    "wide_cosine": f"np.cos(np.pi * {{0}} * (({{u}} - {{low}}) / {{span}} + {MARGIN}) / {1 + 2 * MARGIN})",
     "cosine_of": "np.cos(2 * np.pi * {u} / {0})",
     "bump": "np.exp(-0.5 * (({u} - {0}) / {1}) ** 2)",
     "dent": "np.exp(-0.5 * ((np.mod({u} - {0} + 180.0, 360.0) - 180.0) / {1}) ** 2)",
@@ -55,7 +56,6 @@ CODE: dict[str, str] = {
 NEEDS = {
     "temp": ("temp_c",),
     "temp_rate": ("t_s", "temp_c"),
-    **dict.fromkeys(FILTERED, ("t_s", "temp_c")),
     "rate": ("rotor_rate_radps",),
     "rate_sign": ("direction",),
     "acceleration": ("rotor_accel_radps2",),
@@ -64,6 +64,12 @@ NEEDS = {
     "time_since_move": ("t_s",),
 }
 """fields of the chain's state without which a covariate says nothing"""
+
+
+def _needs(name: str) -> tuple[str, ...]:
+    return NEEDS["temp_rate" if lag_of(name) else name] if lag_of(name) or name in NEEDS else ()
+
+
 LOADED = ("scale", "scale_all", "matrix", "gyro_scale")
 """places whose value is multiplied by the input of the stage"""
 
@@ -92,7 +98,7 @@ def effect_source(law: Law, effect_id: str, words: Words) -> str:
     names = _arguments(law)
     history = any(covariate(n).history for n in law.depends_on) or "temp_rate" in law.depends_on
     loaded = law.place in LOADED or any("load" in name for name in law.depends_on)
-    needs = tuple(dict.fromkeys(field for name in law.depends_on for field in NEEDS.get(name, ())))
+    needs = tuple(dict.fromkeys(field for name in law.depends_on for field in _needs(name)))
     confused = words.confused_with if words.splitter else ()
     title = f"{law.at.title}, following {' and '.join(covariate(n).title for n in law.depends_on)}"
     constant, body = _value(law, names, sizes)

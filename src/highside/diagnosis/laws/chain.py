@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from highside.arrays import Array
-from highside.diagnosis.laws.problem import LawProblem, PlaceField, fields_that_act
+from highside.diagnosis.laws.problem import CovariateValues, LawProblem, PlaceField, fields_that_act
 from highside.physics.covariates import COVARIATES, covariate
 from highside.physics.effect import AXES
 from highside.physics.forward import ForwardModel
@@ -38,7 +38,7 @@ def place_fields(model: ForwardModel, state: ChainState, places: Sequence[str], 
     ]
 
 
-def covariate_values(state: ChainState, load: Array) -> dict[str, Array]:
+def covariate_values(state: ChainState, load: Array) -> CovariateValues:
     """(n,) of each covariate; (3, n) where it differs from axis to axis."""
     found: dict[str, Array] = {}
     for name, known in COVARIATES.items():
@@ -54,7 +54,7 @@ def covariate_values(state: ChainState, load: Array) -> dict[str, Array]:
     if not state.n or state.pose[0] == state.pose[-1]:
         for name in ("time_since_move", "previous_load"):
             del found[name]
-    return found
+    return CovariateValues(found, state.t_s)
 
 
 def chain_problem(

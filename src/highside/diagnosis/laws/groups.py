@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
@@ -12,7 +12,7 @@ import numpy as np
 from highside.arrays import Array
 from highside.diagnosis.laws.policy import LAW_GROUPS
 from highside.diagnosis.laws.problem import LawProblem, PlaceField
-from highside.physics.covariates import COVARIATES, FILTERED, joined
+from highside.physics.covariates import COVARIATES, FILTERED, joined, lag_of
 from highside.physics.effect import AXES
 from highside.physics.law import Axis, Function
 from highside.physics.places import PLACES
@@ -152,16 +152,9 @@ class Bases:
         differs = any(self.problem.covariates[axis.covariate].ndim == 2 for axis in axes)
         key = axes, tuple(unit.own if differs else -1 for unit in units)
         if key not in self._of:
-            made = np.stack([self._made(axes, unit) for unit in (units if differs else units[:1])])
+            made = product_of(self.problem, units if differs else units[:1], axes)
             self._of[key] = np.broadcast_to(made, (len(units), *made.shape[1:]))
         return LawGroup(units, axes, order, self._of[key], tries)
-
-    def _made(self, axes: tuple[Axis, ...], unit: PlaceField) -> Array:
-        result = axes[0].basis(values_of(self.problem, axes[0].covariate, unit))
-        for axis in axes[1:]:
-            own = axis.basis(values_of(self.problem, axis.covariate, unit))
-            result = (result[:, None] * own[None]).reshape(-1, own.shape[1])
-        return result
 
 
 def groups_of(problem: LawProblem) -> list[LawGroup]:
@@ -224,7 +217,7 @@ def varying(problem: LawProblem, units: tuple[PlaceField, ...]) -> Iterator[tupl
     for name, every in problem.covariates.items():
         if not _fits(unit.place, name, tilts) or (every.ndim == 2 and unit.own < 0):
             continue
-        if name in FILTERED and name not in LAGGING:
+        if lag_of(name) and name not in LAGGING:
             continue
         if unit.own >= 0 and name == "load_" + "xyz"[unit.own]:
             continue
@@ -236,6 +229,23 @@ def varying(problem: LawProblem, units: tuple[PlaceField, ...]) -> Iterator[tupl
         yield name, values, int(distinct)
 
 
+def distinct_of(values: Array) -> int:
+    """How many values of a covariate (n,) are not the same."""
+    return int(np.unique(np.round(values / (LAW_GROUPS.distinct * max(float(np.ptp(values)), 1e-300)))).size)
+
+
+def product_of(problem: LawProblem, units: tuple[PlaceField, ...], axes: Sequence[Axis]) -> Array:
+    """(u, m, n) the products of all functions of the axes, for each unit."""
+    made = []
+    for unit in units:
+        result = axes[0].basis(values_of(problem, axes[0].covariate, unit))
+        for axis in axes[1:]:
+            own = axis.basis(values_of(problem, axis.covariate, unit))
+            result = (result[:, None] * own[None]).reshape(-1, own.shape[1])
+        made.append(result)
+    return np.stack(made)
+
+
 def axis_of(name: str, values: Array, count: int, *, constant: bool, turns: int) -> tuple[Axis, Array]:
     """The axis of a covariate with so many functions, and the order (m,) of each."""
     known = COVARIATES.get(name)
@@ -244,8 +254,9 @@ def axis_of(name: str, values: Array, count: int, *, constant: bool, turns: int)
         functions = [Function(kind, (float(k),)) for k in range(1, turns + 1) for kind in ("cos", "sin")]
         orders = [0.0] * len(zero) + [float(k) for k in range(1, turns + 1) for _ in range(2)]
         return Axis(name, 0.0, 360.0, (*zero, *functions)), np.array(orders)
-    cosines = [Function("cosine", (float(k),)) for k in range(1, count + 1)]
-    axis = Axis(name, float(values.min()), float(values.max()), (*zero, *cosines))
+    # cosines over the range visited have no slope at its ends, which a curve has
+    smooth = (*zero, *(Function("wide_cosine", (float(k),)) for k in range(1, count + 1)))
+    axis = Axis(name, float(values.min()), float(values.max()), smooth)
     return axis, np.array([0.0] * len(zero) + [float(k) for k in range(1, count + 1)])
 
 
@@ -257,7 +268,7 @@ def _singles(units: tuple[PlaceField, ...], bases: Bases) -> Iterator[LawGroup]:
         count = min(LAW_GROUPS.cosines, distinct - 1)
         turns = min(LAW_GROUPS.orders, max(1, distinct // 2))
         axis, order = axis_of(name, values, count, constant=constant, turns=turns)
-        yield bases.group(units, (axis,), order)
+        yield bases.group(units, (axis,), order, len(FILTERED) if lag_of(name) else 1)
 
 
 def _of_all_axes(bases: Bases) -> Iterator[LawGroup]:

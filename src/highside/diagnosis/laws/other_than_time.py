@@ -13,13 +13,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from highside.arrays import Array
+from highside.diagnosis.laws.between import is_temperature, lagging
 from highside.diagnosis.laws.classes import ran_together
 from highside.diagnosis.laws.evidence import Families, LawTerm, Whitened
 from highside.diagnosis.laws.groups import LawGroup
 from highside.diagnosis.laws.noise import Whitener
 from highside.diagnosis.laws.policy import LAW_GROUPS, LAW_SEARCH
 from highside.diagnosis.laws.problem import LawProblem
-from highside.diagnosis.laws.variants import TEMPERATURES, finer, lagging
+from highside.diagnosis.laws.variants import finer
 
 TIME = "time"
 
@@ -39,7 +40,8 @@ def instead_of_time(problem: LawProblem, groups: Sequence[LawGroup], own: LawGro
         if len(other) != 1 or other[0] == TIME or not smooth:
             continue
         tried.append(group)
-        if other[0] in TEMPERATURES and not any(set(TEMPERATURES) & set(g.depends_on) for g in tried[:-1]):
+        known = any(is_temperature(name) for g in tried[:-1] for name in g.depends_on)
+        if is_temperature(other[0]) and not known:
             tried += lagging(problem, group)
     return [*tried, *(fine for group in tried for fine in finer(problem, group))]
 

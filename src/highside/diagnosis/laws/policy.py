@@ -12,17 +12,19 @@ from dataclasses import dataclass
 class LawGroupsPolicy:
     """The functions that are tried."""
 
-    cosines: int = 14
-    """Cosines over the range of a covariate. Source: the trial of 32 sessions that set the method, 14 used."""
+    cosines: int = 16
+    """Cosines over the range of a covariate and a tenth more on either side. Source: the trial of 32 sessions that set
+    the method used 14 over the range itself; as many to a wave."""
     orders: int = 12
     """Whole orders of toolface, a cosine and a sine each. Source: orders 1 to 12 in the same trial."""
-    pair_orders: int = 6
-    """Functions of each covariate in a product, order 0 among them. Source: orders 0 to 5 in the same trial."""
+    pair_orders: int = 7
+    """Functions of each covariate in a product, order 0 among them. Source: orders 0 to 5 in the same trial, over the
+    range itself; as many to a wave."""
     pair_turns: int = 3
     """Whole orders of toolface in a product. Source: chosen, about as many functions as of another covariate."""
     onset_values: int = 3
     """Values on either side of an onset, at least. Source: two are fitted by a constant and a slope."""
-    finer_orders: int = 9
+    finer_orders: int = 10
     """Functions of each covariate in a product that was found, order 0 not counted. Source: waves of a length of a
     fifth of the range, as a law of one covariate of medium smoothness has them."""
     finer_turns: int = 6
@@ -64,6 +66,24 @@ class LawGroupsPolicy:
 
 
 LAW_GROUPS = LawGroupsPolicy()
+
+
+@dataclass(frozen=True)
+class LawLagsPolicy:
+    """Time constants of a temperature that lags, of a law that was found."""
+
+    ratio: float = 1.5
+    """Of two neighbours of the list. Source: `highside.physics.covariates.LAGS_S`."""
+    finer: float = 0.25
+    """Step of the first look between two neighbours, in powers of that ratio. Source: chosen; 11 %."""
+    each_side: int = 3
+    """Steps on either side. Source: up to the neighbours."""
+    steps: tuple[float, ...] = (0.25, 0.0625)
+    """Steps of further looks, in units of the first. Source: the last leaves a lag of 0.6 % and of 1 s; of a law of
+    strength 1e6 half of that leaves about 10."""
+
+
+LAW_LAGS = LawLagsPolicy()
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 
 from highside.arrays import Array
 from highside.diagnosis.laws.policy import LAW_GROUPS
+from highside.physics.covariates import lag_of
+from highside.physics.memory import low_pass
 
 
 @dataclass(frozen=True)
@@ -44,6 +46,23 @@ def fields_that_act(fields: Iterable[PlaceField]) -> tuple[PlaceField, ...]:
     sizes = [float(np.abs(one.field).max(initial=0.0)) for one in fields]
     least = LAW_GROUPS.absent * max(sizes, default=0.0)
     return tuple(one for one, size in zip(fields, sizes, strict=True) if size > least)
+
+
+class CovariateValues(dict[str, Array]):
+    """Covariates by name: (n,), or (3, n) where one differs from axis to axis; of values that follow one another in
+    time the temperature of any lag too, which is not listed. Raises KeyError for what is not known."""
+
+    def __init__(self, listed: Mapping[str, Array], t_s: Array) -> None:
+        super().__init__(listed)
+        self._t_s = t_s
+        self._lagging: dict[str, Array] = {}
+
+    def __missing__(self, name: str) -> Array:
+        if not (lag := lag_of(name)) or "temp" not in self:
+            raise KeyError(name)
+        if name not in self._lagging:
+            self._lagging[name] = np.asarray(low_pass(self._t_s, self["temp"], float(lag)))
+        return self._lagging[name]
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from highside.physics.covariates import FILTERED
+from highside.physics.covariates import FILTERED, lag_of
 
 
 @dataclass(frozen=True)
@@ -176,11 +176,13 @@ READINGS = (
 
 def readings_of(place: str, depends_on: tuple[str, ...], shapes: tuple[str, ...]) -> tuple[str, ...]:
     """What a law may be, the nearest first."""
+    # what one lag may be, every lag may
+    names = {FILTERED[0] if lag_of(name) else name for name in depends_on}
     found = [
         f"{r.meaning} (to tell: {r.apart})"
         for r in READINGS
         if (not r.places or place in r.places)
-        and (not r.covariates or set(depends_on) & set(r.covariates))
+        and (not r.covariates or names & set(r.covariates))
         and (not r.shapes or set(shapes or ("",)) & set(r.shapes))
     ]
     return tuple(dict.fromkeys(found))[:MOST]

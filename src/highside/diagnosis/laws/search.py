@@ -11,6 +11,7 @@ import numpy as np
 
 from highside.arrays import Array
 from highside.diagnosis.core.regression import flattened
+from highside.diagnosis.laws.between import best_between, between_of
 from highside.diagnosis.laws.classes import class_of
 from highside.diagnosis.laws.edges import several_edges
 from highside.diagnosis.laws.effects import EffectGroup
@@ -279,15 +280,19 @@ class Search:
                 terms = self._sharpened(state, terms, k)
                 continue
             variants = variants_of(self.problem, term.group)
-            if not variants:
+            between = between_of(self.problem, term.group)
+            if not variants and not between:
                 continue
             others = [t for i, t in enumerate(terms) if i != k]
             whitener = Whitener(self.problem, state.noise)
             own = Families(self.problem, [term.group, *variants])
-            gains, priors = Whitened(own, whitener, state.residual).scores(others)
+            among = Whitened(own, whitener, state.residual)
+            gains, priors = among.scores(others)
             if not np.isfinite(gains[0]):
                 # beside the others nothing is left of it that a variant could do better
                 continue
+            for group, gain, prior in filter(None, (best_between(among, others, one) for one in between)):
+                own, gains, priors = own.of([*own.groups, group]), np.append(gains, gain), [*priors, prior]
             # what has a covariate less need only come near
             fewer = [max(len(term.group.axes) - len(g.axes), 0) for g in own.groups]
             gains = gains + LAW_SEARCH.simpler * np.array(fewer)

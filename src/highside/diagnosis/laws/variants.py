@@ -1,5 +1,5 @@
-"""Variants of a law that was found: one that sets in midway, a step or decay between the times that are tried, one of a
-temperature that lags by another time constant, a product with finer functions, one that is straight or bent once in one
+"""Variants of a law that was found: one that sets in midway, a step or decay between the times that are tried, a
+product with finer functions, one that is straight or bent once in one
 of its two quantities, a scale factor that follows another load.
 
 They are tried in the place of a group that was chosen, not of every group: a hundred onsets of each would be most of a
@@ -14,18 +14,23 @@ import numpy as np
 
 from highside.arrays import Array
 from highside.diagnosis.laws.edges_policy import EDGES
-from highside.diagnosis.laws.groups import LawGroup, axis_of, one_quantity, values_of
+from highside.diagnosis.laws.groups import (
+    LawGroup,
+    axis_of,
+    distinct_of,
+    one_quantity,
+    product_of,
+    values_of,
+)
 from highside.diagnosis.laws.policy import LAW_GROUPS, LAW_SEARCH
 from highside.diagnosis.laws.problem import LawProblem
-from highside.physics.covariates import COVARIATES, FILTERED
+from highside.physics.covariates import COVARIATES
 from highside.physics.law import Axis, Function
 from highside.physics.places import PLACES
 
 ONSET = "step"
 IN_TIME = ("step", "ramp", "decay")
 """shapes that begin at some time"""
-TEMPERATURES = ("temp", *FILTERED)
-"""one quantity, as it lags or not"""
 
 
 def variants_of(problem: LawProblem, group: LawGroup) -> list[LawGroup]:
@@ -40,7 +45,6 @@ def variants_of(problem: LawProblem, group: LawGroup) -> list[LawGroup]:
         *_onsets(problem, group),
         *finer(problem, group),
         *_factors(problem, group),
-        *lagging(problem, group),
         *_simple_in_one(problem, group),
         *_as_scale(problem, group),
     ]
@@ -120,31 +124,11 @@ def fine_axes(problem: LawProblem, group: LawGroup) -> tuple[Axis, ...]:
     axes = []
     for axis in group.axes:
         values = values_of(problem, axis.covariate, group.units[0])
-        distinct = np.unique(np.round(values / (LAW_GROUPS.distinct * max(float(np.ptp(values)), 1e-300)))).size
+        distinct = distinct_of(values)
         count = min(LAW_GROUPS.finer_orders, distinct - 1)
         turns = min(LAW_GROUPS.finer_turns, max(1, distinct // 2))
         axes.append(axis_of(axis.covariate, values, count, constant=True, turns=turns)[0])
     return tuple(axes)
-
-
-def lagging(problem: LawProblem, group: LawGroup) -> list[LawGroup]:
-    """The law of a temperature with each of the time constants, or with none, in the place of its own."""
-    made = []
-    for k, axis in enumerate(group.axes):
-        if axis.covariate not in TEMPERATURES:
-            continue
-        for name in TEMPERATURES:
-            if name == axis.covariate or name not in problem.covariates:
-                continue
-            values = values_of(problem, name, group.units[0])
-            low, high = float(values.min()), float(values.max())
-            if high - low <= LAW_GROUPS.constant * max(abs(low), abs(high), 1.0):
-                continue
-            axes = [*group.axes]
-            axes[k] = replace(axis, covariate=name, low=low, high=high)
-            basis, _ = _product(problem, group, axes)
-            made.append(replace(group, axes=tuple(axes), basis=basis, tries=group.tries * len(TEMPERATURES)))
-    return made
 
 
 def _simple_in_one(problem: LawProblem, group: LawGroup) -> list[LawGroup]:
@@ -169,7 +153,7 @@ def _simple_in_one(problem: LawProblem, group: LawGroup) -> list[LawGroup]:
 def _finest(problem: LawProblem, group: LawGroup, axis: Axis) -> Axis:
     """As many functions of a covariate as a law of it alone has, and a constant."""
     values = values_of(problem, axis.covariate, group.units[0])
-    distinct = np.unique(np.round(values / (LAW_GROUPS.distinct * max(float(np.ptp(values)), 1e-300)))).size
+    distinct = distinct_of(values)
     count = min(LAW_GROUPS.cosines, distinct - 1)
     turns = min(LAW_GROUPS.finer_turns, max(1, distinct // 2))
     return axis_of(axis.covariate, values, count, constant=True, turns=turns)[0]
@@ -185,7 +169,7 @@ def _factors(problem: LawProblem, group: LawGroup) -> list[LawGroup]:
         if len(axis.functions) < LAW_GROUPS.few or (known is not None and known.periodic):
             continue
         values = values_of(problem, axis.covariate, group.units[0])
-        distinct = np.unique(np.round(values / (LAW_GROUPS.distinct * max(float(np.ptp(values)), 1e-300)))).size
+        distinct = distinct_of(values)
         count = min(2 * LAW_GROUPS.cosines, distinct - 1)
         constant = PLACES[group.place].constant
         fine, _ = axis_of(axis.covariate, values, count, constant=constant, turns=1)
@@ -211,7 +195,7 @@ def _as_scale(problem: LawProblem, group: LawGroup) -> list[LawGroup]:
         if not other.covariate.startswith("load") or not one_quantity(values, own, LAW_SEARCH.one_quantity):
             continue
         values = values_of(problem, other.covariate, unit)
-        distinct = np.unique(np.round(values / (LAW_GROUPS.distinct * max(float(np.ptp(values)), 1e-300)))).size
+        distinct = distinct_of(values)
         count = min(LAW_GROUPS.cosines, distinct - 1)
         axis, _ = axis_of(other.covariate, values, count, constant=PLACES["scale"].constant, turns=1)
         basis, order = _product(problem, group, [axis])
@@ -229,19 +213,12 @@ def _product(problem: LawProblem, group: LawGroup, axes: list[Axis]) -> tuple[Ar
     order = orders[0]
     for more in orders[1:]:
         order = np.hypot(order[:, None], more[None]).reshape(-1)
-    basis = []
-    for unit in group.units:
-        result = axes[0].basis(values_of(problem, axes[0].covariate, unit))
-        for axis in axes[1:]:
-            own = axis.basis(values_of(problem, axis.covariate, unit))
-            result = (result[:, None] * own[None]).reshape(-1, own.shape[1])
-        basis.append(result)
-    return np.stack(basis), order
+    return product_of(problem, group.units, axes), order
 
 
 def orders_of(axis: Axis) -> Array:
     """(m,) order of each function of an axis: of a whole smooth set its number, of single shapes none."""
     smooth = len(axis.functions) > LAW_GROUPS.few
     known = COVARIATES.get(axis.covariate)
-    kinds = {"cosine"} | ({"cos", "sin"} if known is not None and known.periodic else set())
+    kinds = {"cosine", "wide_cosine"} | ({"cos", "sin"} if known is not None and known.periodic else set())
     return np.array([f.numbers[0] if smooth and f.kind in kinds else 0.0 for f in axis.functions])
