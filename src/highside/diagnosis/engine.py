@@ -37,7 +37,7 @@ from highside.diagnosis.core.serial_correlation import (
 )
 from highside.diagnosis.core.unexplained import hinted
 from highside.diagnosis.identified_noise import with_remembering_rows
-from highside.diagnosis.law_channels import with_channel_laws
+from highside.diagnosis.law_channels import UNTOUCHED, with_channel_laws
 from highside.diagnosis.law_sessions import ChainSession, MagnitudeLaws
 from highside.diagnosis.magnitude.problem import MagnitudeProblem
 from highside.diagnosis.magnitude.session import MagnitudeSession
@@ -51,9 +51,10 @@ from highside.diagnosis.rows.colour import with_long_memory
 from highside.diagnosis.rows.noise import windows
 from highside.diagnosis.rows.policy import GRAMS, ROW_SESSIONS
 from highside.diagnosis.rows.session import RotationSession
-from highside.diagnosis.simulation.band import humps, with_humps
-from highside.diagnosis.simulation.independence import hidden_motions, no_noise, with_hidden_motions, with_no_noise
 from highside.diagnosis.simulation.measured_clock import with_measured_clock
+from highside.diagnosis.simulation.missing_turn import missing_turn
+from highside.diagnosis.simulation.motion import missing_motion, with_missing_motion
+from highside.diagnosis.simulation.noise_of_sensors import beside_noise_of_sensors, white_of
 from highside.diagnosis.simulation.problem import SimulationProblem
 from highside.diagnosis.simulation.session import SimulationSession
 from highside.physics.forward import ForwardModel
@@ -200,19 +201,18 @@ def diagnose_simulation(
     problem = SimulationProblem.beside(session, tuple(free), seed)
     found, report = with_measured_clock(problem, *diagnose(problem, version))
     beside = problem.session
-    left = humps(report.after, beside.step_s, beside.omitted, beside.names, beside.units)
-    found, departs = with_humps(found, left), None
-    if found.verdict == "nothing_left_out":
-        rest, white = report.after, problem.noise.white(report.after).reshape(report.after.shape)
-        departs = no_noise(rest, white, beside.step_s, beside.omitted, beside.names)
-        found = with_no_noise(found, departs, rest, beside.state.t_s, beside.names)
-        found = with_hidden_motions(found, hidden_motions(rest, beside.step_s, beside.omitted, beside.names))
+    turned = missing_turn(beside, report.after)
+    if turned is not None and found.verdict not in UNTOUCHED:
+        # no law is sought in what a motion does: laws of single channels would share it out
+        return with_missing_motion(found, turned), report
+    found, seen = beside_noise_of_sensors(problem, found, report.after)
     if method.laws:
         found, report = with_channel_laws(problem, found, report)
-    if departs is not None and found.verdict == "unknown":
-        # whatever the colour of the noise: no error of it explains that
-        return found, report
-    return with_long_memory(found, beside), report
+    if found.verdict == "unknown" and not found.claims and seen.any:
+        found = with_missing_motion(found, missing_motion(beside, report.after, white_of(problem, report.after)))
+    # whatever the colour of the noise: no error of it explains what no noise of sensors does
+    certain = seen.no_noise is not None and found.verdict == "unknown"
+    return found if certain else with_long_memory(found, beside), report
 
 
 def diagnose(problem: Problem[N], version: str = "") -> tuple[DiagnosisResult, ReportData]:

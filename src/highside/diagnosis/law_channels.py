@@ -6,7 +6,7 @@ them like predictions that rise or fall, so that what a factor or a delay does k
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,9 @@ from highside.diagnosis.laws.claims import ReportedLaw, reported_laws
 from highside.diagnosis.laws.policy import LAW_CELLS, LAW_FLOOR
 from highside.diagnosis.laws.problem import LawProblem, PlaceField
 from highside.diagnosis.laws.search import Search
-from highside.diagnosis.simulation.policy import SIMULATION_CHOICE
+from highside.diagnosis.simulation.motion import MissingMotion, missing_motion, with_missing_motion
+from highside.diagnosis.simulation.noise_of_sensors import white_of
+from highside.diagnosis.simulation.policy import MOTION, SIMULATION_CHOICE
 from highside.diagnosis.simulation.problem import SimulationProblem
 
 UNTOUCHED = frozenset({"bad_data", "not_testable"})
@@ -31,6 +33,16 @@ SMALL = (
 PLACES_OF_A_CHANNEL = ("channel_offset", "channel_factor", "channel_delay")
 
 
+@dataclass(frozen=True)
+class _ChannelLaw:
+    """A law that is told of a channel: its claim with the energy that it explains, where it acts, its values (n,)."""
+
+    channel: int
+    claim: Claim
+    place: Location
+    part: Array
+
+
 def with_channel_laws(
     problem: SimulationProblem, diagnosis: DiagnosisResult, report: ReportData
 ) -> tuple[DiagnosisResult, ReportData]:
@@ -38,48 +50,34 @@ def with_channel_laws(
     if diagnosis.verdict in UNTOUCHED:
         return diagnosis, report
     left = report.after if diagnosis.claims else report.before
-    rows = _covariates(problem)
-    after, parts, claims, places, few = left.copy(), dict(report.parts), [], [], 0
     names = diagnosis.claims
-    kept = np.ones(problem.session.n, dtype=bool) if problem.session.omitted is None else ~problem.session.omitted
-    sigma = np.array(problem.noise.sigma)
-    given, beside = (np.sum((values[:, kept] / sigma[:, None]) ** 2, axis=1) for values in (report.before, left))
-    least = SIMULATION_CHOICE.least_product * given if names else np.zeros(sigma.size)
-    for c, name in enumerate(problem.session.names):
-        if beside[c] - np.count_nonzero(kept) < least[c]:
-            # no law of what is left could be large enough
-            continue
-        for one in _of_channel(problem, c, left[c], _free(problem, c, names), rows):
-            law = one.law
-            values = law.value([rows[covariate] for covariate in law.depends_on])
-            part = values * _field(problem, c, law.place)
-            energy = float(np.sum((part[kept] / sigma[c]) ** 2))
-            if energy < least[c]:
-                few += 1
-                continue
-            parts[law.id] = np.zeros_like(left)
-            parts[law.id][c] = part
-            after[c] -= part
-            claims.append(replace(one.claim, share=energy))
-            places.append(
-                Location((name,), " x ".join(law.depends_on), one.claim.range[:1], None, 0.0, one.claim.p_familywise)
-            )
+    given, beside = (_energy(problem, values) for values in (report.before, left))
+    least = SIMULATION_CHOICE.least_product * given if names else np.zeros(given.size)
+    found, few = _told(problem, left, names, beside, least)
+    told, motion = _without_motion(problem, left, found)
     if few:
         diagnosis = hinted(diagnosis, SMALL.format(few))
-    if not claims:
-        return diagnosis, report
+    if not told:
+        return with_missing_motion(diagnosis, motion), report
+    after, parts = left.copy(), dict(report.parts)
+    for one in told:
+        parts[one.claim.effect] = np.zeros_like(left)
+        parts[one.claim.effect][one.channel] = one.part
+        after[one.channel] -= one.part
     verdict: Verdict = "named_plus" if diagnosis.claims else "law"
     fit = diagnosis.fit
     if fit is not None:
-        shown = [problem.session.names.index(claims[0].channels[0])]
+        kept = _kept(problem)
+        shown = [told[0].channel]
         fit = replace(
             fit,
             unit=problem.session.units[shown[0]],
             rmse_before=float(np.sqrt(np.mean(report.before[shown][:, kept] ** 2))),
             rmse_after=float(np.sqrt(np.mean(after[shown][:, kept] ** 2))),
         )
+    claims = [one.claim for one in told]
     named, laws = with_shares(names, max(float(np.sum(given - beside)), 0.0), claims)
-    placed = tuple(replace(p, share_of_misfit=c.share or 0.0) for p, c in zip(places, laws, strict=True))
+    placed = tuple(replace(one.place, share_of_misfit=c.share or 0.0) for one, c in zip(told, laws, strict=True))
     made = replace(
         diagnosis,
         verdict=verdict,
@@ -88,7 +86,65 @@ def with_channel_laws(
         fit=fit,
         remainder=beside_laws(diagnosis.remainder),
     )
-    return made, replace(report, after=after, parts=parts)
+    return with_missing_motion(made, motion), replace(report, after=after, parts=parts)
+
+
+def _told(
+    problem: SimulationProblem, left: Array, names: tuple[Claim, ...], beside: Array, least: Array
+) -> tuple[list[_ChannelLaw], int]:
+    """The laws of what names leave (C, n), energy `beside` (C,), that explain the least of it that counts (C,), and how
+    many explain less."""
+    rows, kept, found, few = _covariates(problem), _kept(problem), list[_ChannelLaw](), 0
+    for c, name in enumerate(problem.session.names):
+        if beside[c] - np.count_nonzero(kept) < least[c]:
+            # no law of what is left could be large enough
+            continue
+        for one in _of_channel(problem, c, left[c], _free(problem, c, names), rows):
+            law = one.law
+            values = law.value([rows[covariate] for covariate in law.depends_on])
+            part = values * _field(problem, c, law.place)
+            energy = float(np.sum((part[kept] / problem.noise.sigma[c]) ** 2))
+            if energy < least[c]:
+                few += 1
+                continue
+            place = Location(
+                (name,), " x ".join(law.depends_on), one.claim.range[:1], None, 0.0, one.claim.p_familywise
+            )
+            found.append(_ChannelLaw(c, replace(one.claim, share=energy), place, part))
+    return found, few
+
+
+def _without_motion(
+    problem: SimulationProblem, left: Array, told: list[_ChannelLaw]
+) -> tuple[list[_ChannelLaw], MissingMotion | None]:
+    """The laws without those of channels where what they leave of `left` (C, n) is no noise of sensors and the larger
+    part: a motion that is missing is there, and curves of time follow some of it."""
+    after = left.copy()
+    for one in told:
+        after[one.channel] -= one.part
+    if not told or missing_motion(problem.session, after, white_of(problem, after)) is None:
+        return told, None
+    count = float(np.count_nonzero(_kept(problem)))
+    before, rest = (np.maximum(_energy(problem, values) - count, 0.0) for values in (left, after))
+    small = rest > MOTION.larger_part * before
+    staying = [one for one in told if not small[one.channel]]
+    if len(staying) == len(told):
+        # what a law of the larger part leaves may be what its curve lacks
+        return told, None
+    after[small] = left[small]
+    return staying, missing_motion(problem.session, after, white_of(problem, after))
+
+
+def _kept(problem: SimulationProblem) -> NDArray[np.bool_]:
+    """(n,) the rows that are not left out."""
+    omitted = problem.session.omitted
+    return np.ones(problem.session.n, dtype=bool) if omitted is None else ~omitted
+
+
+def _energy(problem: SimulationProblem, values: Array) -> Array:
+    """(C,) of values (C, n) in units of the noise."""
+    scaled = values[:, _kept(problem)] / np.asarray(problem.noise.sigma)[:, None]
+    return np.asarray(np.sum(scaled**2, axis=1))
 
 
 def _of_channel(

@@ -110,6 +110,14 @@ SAID = (
         "prediction does not have, from %(low)s to %(high)s Hz"
     ),
     said_later("%(words)s (likewise %(others)s)"),
+    said_later("a motion is missing from the prediction, throughout: %(sizes)s rms are left"),
+    said_later(
+        "a motion is missing from the prediction, most of it from %(start)s to %(stop)s s: %(sizes)s rms are left there"
+    ),
+    said_later(
+        "the tool turns by up to %(angle)s deg, most of it about %(axis)s, and the prediction does not: the "
+        "accelerometers show %(share)s of what the gyros say of it, from %(low)s to %(high)s Hz"
+    ),
     said_later("a shift of the clock alone explains more of the motion, or as much"),
     said_later("it would have to come before its cause: its time constant would be negative"),
     said_later("a filter's time constant is one: %(why)s"),

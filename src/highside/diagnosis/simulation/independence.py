@@ -114,7 +114,7 @@ def with_hidden_motions(diagnosis: DiagnosisResult, found: Sequence[HiddenMotion
     return replace(diagnosis, noise={**diagnosis.noise, HIDDEN: sizes})
 
 
-def _bands(rows: Array) -> tuple[NDArray[np.complex128], list[NDArray[np.intp]]] | None:
+def octaves(rows: Array) -> tuple[NDArray[np.complex128], list[NDArray[np.intp]]] | None:
     """(C, m) the Fourier transform of rows (C, n), and the ordinates of each band, about an octave each; None where
     there are too few."""
     last = (rows.shape[1] - 1) // 2
@@ -133,7 +133,7 @@ def _rising(rows: Array, step_s: float, channels: Sequence[str]) -> NoNoise | No
     """The channel whose spectrum rises the most surely; where all do a little, those together."""
     from scipy.optimize import isotonic_regression
 
-    known = _bands(rows)
+    known = octaves(rows)
     if known is None:
         return None
     waves, parts = known
@@ -199,7 +199,7 @@ def _signed_root(ratio: Array, below: float, own: float) -> Array:
 
 def _moving(rows: Array, step_s: float, channels: Sequence[str]) -> NoNoise | None:
     """The channels of one kind that together show more in some octaves than below; None where no kind has several."""
-    known, kinds = _bands(rows), _kinds(channels, rows)
+    known, kinds = octaves(rows), _kinds(channels, rows)
     if known is None or not kinds:
         return None
     waves, parts = known
@@ -234,7 +234,7 @@ def hidden_motions(
 
     kept = np.ones(left.shape[1], dtype=bool) if omitted is None else ~omitted
     rows = np.where(kept, left - left[:, kept].mean(axis=1, keepdims=True), 0.0)
-    known, kinds = _bands(rows), _kinds(channels, rows)
+    known, kinds = octaves(rows), _kinds(channels, rows)
     if known is None:
         return ()
     waves, parts = known
@@ -245,12 +245,12 @@ def hidden_motions(
     found = []
     for own in kinds:
         root = needed * float(np.mean(np.sqrt([_spread(rows[c]) for c in own]))) / np.sqrt(len(own))
-        octaves = []
+        shown = []
         for i, part in enumerate(parts[1:], start=1):
             power = min(_needed_power(level[own], count, h, i, root) for h in range(i))
             low, high = (float(k / (rows.shape[1] * step_s)) for k in (part[0], part[-1]))
-            octaves.append((low, high, float(np.sqrt(2 * power / (rows.shape[1] * kept.sum())))))
-        found.append(HiddenMotion(tuple(channels[c] for c in own), unit_of(channels[own[0]]), tuple(octaves)))
+            shown.append((low, high, float(np.sqrt(2 * power / (rows.shape[1] * kept.sum())))))
+        found.append(HiddenMotion(tuple(channels[c] for c in own), unit_of(channels[own[0]]), tuple(shown)))
     return tuple(found)
 
 
@@ -270,7 +270,7 @@ def _needed_power(level: Array, count: Array, h: int, i: int, root: float) -> fl
 
 def _shared(white: Array, step_s: float, channels: Sequence[str]) -> NoNoise | None:
     """The two channels that depart together the most surely; rows are whitened (C, n)."""
-    known = _bands(white)
+    known = octaves(white)
     if known is None or len(white) < 2:
         return None
     waves, parts = known

@@ -220,6 +220,30 @@ BAND = BandPolicy()
 
 
 @dataclass(frozen=True)
+class MotionPolicy:
+    """A motion that is missing from a prediction."""
+
+    finer: int = 4
+    """Steps of rotation from row to row. Source: rates of 60 deg/s of 2 Hz, 12 rows a second, are integrated to 0.1 deg
+    in 48 s; the integral carries an angle from axis to axis and need be no better."""
+    blocks: int = 48
+    """Stretches of time between which a motion begins and ends, at most. Source: as `LawGroupsPolicy.steps`."""
+    least_blocks: int = 4
+    """Such stretches, at least. Source: a beginning, a middle and an end, and one more."""
+    least_rows: int = 12
+    """Rows of such a stretch, at least. Source: a power of six channels is known to a sixth from so many."""
+    gain: float = 12.0
+    """Nats that two levels of power, within a stretch and outside, must gain over one. Source: as
+    `LawSearchPolicy.gain`; 1,176 stretches of 48 blocks are 7 nats."""
+    larger_part: float = 0.5
+    """Share of what departs on a channel from which laws are what it is, and what they leave is the rest. Source: a
+    definition: of two, the larger one."""
+
+
+MOTION = MotionPolicy()
+
+
+@dataclass(frozen=True)
 class ConstantsPolicy:
     """Which factors are one constant of the simulation."""
 
