@@ -17,6 +17,7 @@ import argparse
 import collections
 import fnmatch
 from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -107,6 +108,55 @@ def _unknown_motion(motion: Motion) -> Array:
     return np.concatenate([pushed, np.zeros((3, T_S.size))])
 
 
+def _burst(motion: Motion) -> Array:
+    """As `_unknown_motion`, for ten seconds."""
+    window = np.sin(np.pi * np.clip((T_S - 15.0) / 10.0, 0.0, 1.0)) ** 2
+    return _unknown_motion(motion) * window
+
+
+def _turned(motion: Motion, turn: Callable[[np.random.Generator], Array]) -> Array:
+    """The tool turns by rotation vectors (3, n), rad, about its own axes, and the prediction does not know."""
+    angle = turn(np.random.default_rng(int(1e6 * abs(motion.all[0, 0]))))
+    clean, back = motion.at(T_S), Rotation.from_rotvec(-angle.T)
+    rates = back.apply(clean[3:].T).T + np.degrees(np.gradient(angle, T_S, axis=1))
+    return np.asarray(np.concatenate([back.apply(clean[:3].T).T, rates]) - clean)
+
+
+def _about_an_axis(rng: np.random.Generator, *, back: bool) -> Array:
+    """(3, n) a turn by one, of four seconds, which ends where it began or stays."""
+    axis = rng.standard_normal(3)
+    u = np.clip((T_S - rng.uniform(0.3, 0.6) * LENGTH_S) / 4.0, 0.0, 1.0)
+    course = np.sin(np.pi * u) ** 2 if back else u - np.sin(2 * np.pi * u) / (2 * np.pi)
+    return np.asarray(np.outer(axis / np.linalg.norm(axis), course))
+
+
+def _rocked(rng: np.random.Generator, start_s: float, stop_s: float) -> Array:
+    """(3, n) a random turning to and fro of unit size, from 0.3 to 2 Hz, between two instants."""
+    drawn = sosfiltfilt(butter(2, [0.3, 2.0], "band", fs=RATE_HZ, output="sos"), rng.standard_normal((3, T_S.size)))
+    window = np.sin(np.pi * np.clip((T_S - start_s) / (stop_s - start_s), 0.0, 1.0)) ** 2
+    return np.asarray(drawn / drawn.std() * window)
+
+
+TURNS: dict[str, Callable[[np.random.Generator], Array]] = {
+    "missing turn": lambda rng: _about_an_axis(rng, back=False),
+    "missing turn and back": lambda rng: _about_an_axis(rng, back=True),
+    "missing rocking": lambda rng: _rocked(rng, 0.0, 2 * LENGTH_S),
+    "missing rocking for 12 s": lambda rng: _rocked(rng, 20.0, 32.0),
+}
+
+
+def _turned_so_far(motion: Motion, size: float, turn: Callable[[np.random.Generator], Array]) -> Array:
+    """A turn of so many mrad."""
+    return _turned(motion, lambda rng: 1e-3 * size * turn(rng))
+
+
+def _turned_by(motion: Motion, clean: Array, turn: Callable[[np.random.Generator], Array]) -> Array:
+    del clean
+    return _turned_so_far(motion, 1.0, turn)
+
+
+MISSING = "a motion is missing from the prediction"
+"""how an answer begins that tells it"""
 Truth = tuple[Callable[[Motion, Array], Array], tuple[str, ...]]
 WARM = TEMP_C - TEMP_C.mean()
 CASES: dict[str, Truth] = {
@@ -142,11 +192,14 @@ CASES: dict[str, Truth] = {
     "kink of the rate": (lambda m, s: _on(0, np.maximum(s[3], 0.0)), ("law:*rate*",)),
     "factor by time": (lambda m, s: _on(1, s[1] * np.sin(2 * np.pi * T_S / 40.0)), ("law:*factor*time*",)),
     "tone": (lambda m, s: _on(2, np.sin(2 * np.pi * 1.7 * T_S)), ("*tone*",)),
-    "missing motion": (lambda m, s: _unknown_motion(m), ("law:*",)),
+    "missing motion": (lambda m, s: _unknown_motion(m), (MISSING,)),
+    "missing motion for 10 s": (lambda m, s: _burst(m), (MISSING,)),
+    **{name: (partial(_turned_by, turn=turn), (MISSING,)) for name, turn in TURNS.items()},
     "delay by time": (lambda m, s: _late(m, 1e-4 * np.sin(2 * np.pi * T_S / 45.0)), ("law:*delay*time*",)),
     "rectified rate": (lambda m, s: _on(1, s[5] ** 2), ("law:*rate*", "*centripetal*")),
 }
 NONLINEAR: dict[str, Callable[[Motion, float], Array]] = {
+    **{name: partial(_turned_so_far, turn=turn) for name, turn in TURNS.items()},
     "time_offset": lambda m, x: _late(m, np.full(T_S.size, 1e-4 * x)),
     "bandwidth_lag": lambda m, x: _lagged(m, 1e-3 * x),
     "late channel": lambda m, x: _late_one(m, 1e-4 * x),
@@ -223,6 +276,8 @@ def made(name: str, motion: Motion, strength: float) -> Array:
 
 def judged(found: DiagnosisResult, right: Sequence[str]) -> str:
     """What of an answer is right."""
+    if MISSING in right and found.remainder.hints[:1] and found.remainder.hints[0].startswith(MISSING):
+        return "right" if all(c.effect.startswith("law") for c in found.claims) else "right+wrong"
     if not found.claims:
         return "nothing" if found.verdict == "nothing_left_out" else "refused"
 
