@@ -87,9 +87,13 @@ def test_a_concealed_eccentric_encoder_is_named_with_its_size_and_proof(tmp_path
 
 
 def test_the_report_stands_alone_and_says_what_was_left_out(tmp_path: Path) -> None:
-    recording = simulate(tmp_path, {"sag": "s = 4e-4"})
-    diagnose(tmp_path, recording)
+    recording = simulate(tmp_path, {"sag": "s = 1e-4"})
+    status, told, err = highside("diagnose", recording, "--model", tmp_path / "model.toml", "--out", tmp_path / "out")
+    assert status == 0, err
     page = (tmp_path / "out" / "report.html").read_text()
+    # one answer: the share that the command tells is the one of the page
+    shares = [re.search(r"\((\d+%) of the misfit\)", text) for text in (told, page)]
+    assert shares[0] and shares[1] and shares[0][1] == shares[1][1], told
     assert "Gravity sag of the collar" in page.split("<h2>")[0]
     assert "<svg" in page
     assert not re.search(r"""(src|href|action)\s*=\s*["']\s*(https?:)?//""", page)

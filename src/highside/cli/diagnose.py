@@ -16,7 +16,6 @@ from highside.cli.say import echo
 if TYPE_CHECKING:
     from highside.api.diagnosis import Diagnosis
     from highside.config.model import Model
-    from highside.diagnosis.core.result import DiagnosisResult
     from highside.recording.table import Recording
 
 
@@ -171,7 +170,7 @@ def _write_and_tell(made: Diagnosis, out: Path, write_model: Path | None, *, rep
     made.save(out, report=report)
     for note in made.notes:
         echo(note)
-    _show(made.found)
+    _show(made)
     if report:
         _say_what_the_page_lacks(out)
     if write_model is not None:
@@ -235,13 +234,16 @@ def _rows_of(
         return api.rows_of(rows, first_s=first_s, last_s=last_s)
 
 
-def _show(diagnosis: DiagnosisResult) -> None:
+def _show(made: Diagnosis) -> None:
     """The diagnosis in lines: verdict, claims, causes, what to look at."""
-    from highside.report.diagnosis_claims import claim_size, confounded, first_sentence, others_of, shares_of_fit
+    from highside.report.diagnosis_claims import claim_size, confounded, first_sentence, others_of
     from highside.report.diagnosis_words import blame, tested, verdict_words
+    from highside.report.misfit_waterfall import shares_of
     from highside.words import _, told
 
-    said = first_sentence(diagnosis, shares_of_fit(diagnosis), verdict_words(diagnosis))
+    diagnosis = made.found
+    # the shares that the page has
+    said = first_sentence(diagnosis, shares_of(diagnosis, made.report_data), verdict_words(diagnosis))
     echo(f"{diagnosis.verdict} - {said}{tested(diagnosis)}")
     for claim in diagnosis.claims:
         echo(f"{claim.effect}: {claim_size(claim)}")

@@ -42,7 +42,7 @@ from highside.report.diagnosis_words import (
     within_sentence,
 )
 from highside.report.document import Page
-from highside.report.misfit_waterfall import ALL_FOUND, Steps, steps_of, waterfall
+from highside.report.misfit_waterfall import ALL_FOUND, Steps, shares_of_misfit, steps_of, waterfall
 from highside.report.plots import can_plot, plotting
 from highside.shown.screen import can_draw
 from highside.words import _, said_later
@@ -105,19 +105,6 @@ def _page_of(
     made = _("highside %(version)s, seed %(seed)s.", version=diagnosis.version, seed=diagnosis.seed)
     page.paragraph(made, look="soft")
     return page.html()
-
-
-def shares_of_misfit(diagnosis: DiagnosisResult, steps: Steps) -> dict[str, float]:
-    """Share of the whole misfit of each claim: its share of what is explained, times how much that is of all."""
-    whole, left = steps.levels[0] ** 2, steps.left**2 if steps.left > steps.floor else 0.0
-    explained = 1.0 - left / whole if whole > 0.0 else 0.0
-    own = dict(zip(steps.names, steps.shares, strict=True))
-    if len(diagnosis.claims) == 1:
-        own.setdefault(diagnosis.claims[0].effect, own.get(ALL_FOUND, 0.0))
-    return {
-        claim.effect: explained * (own.get(claim.effect, 0.0) if claim.share is None else claim.share)
-        for claim in diagnosis.claims
-    }
 
 
 def _titles(diagnosis: DiagnosisResult, steps: Steps) -> dict[str, str]:

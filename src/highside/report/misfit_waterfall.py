@@ -13,6 +13,8 @@ import numpy as np
 
 from highside.arrays import Array
 from highside.diagnosis.core.problem import ReportData
+from highside.diagnosis.core.result import DiagnosisResult
+from highside.report.diagnosis_claims import shares_of_fit
 from highside.report.diagnosis_figures import AFTER, BEFORE, SHADE, sigma_of, unit_of
 from highside.report.plots import new_figure
 from highside.words import _, said_later
@@ -21,7 +23,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["Steps", "steps_of", "waterfall"]
+__all__ = ["Steps", "shares_of", "shares_of_misfit", "steps_of", "waterfall"]
 
 CHANCE_95 = 1.645
 """One-sided 95 % quantile of the normal distribution: what noise alone exceeds in one of 20 recordings."""
@@ -116,3 +118,23 @@ def waterfall(steps: Steps, titles: dict[str, str]) -> Figure:
 
 def _label(axis: Axes, row: int, at: float, words: str) -> None:
     axis.annotate(words, (at, row), xytext=(5, 0), textcoords="offset points", va="center", fontsize=8)
+
+
+def shares_of_misfit(diagnosis: DiagnosisResult, steps: Steps) -> dict[str, float]:
+    """Share of the whole misfit of each claim: its share of what is explained, times how much that is of all."""
+    whole, left = steps.levels[0] ** 2, steps.left**2 if steps.left > steps.floor else 0.0
+    explained = 1.0 - left / whole if whole > 0.0 else 0.0
+    own = dict(zip(steps.names, steps.shares, strict=True))
+    if len(diagnosis.claims) == 1:
+        own.setdefault(diagnosis.claims[0].effect, own.get(ALL_FOUND, 0.0))
+    return {
+        claim.effect: explained * (own.get(claim.effect, 0.0) if claim.share is None else claim.share)
+        for claim in diagnosis.claims
+    }
+
+
+def shares_of(diagnosis: DiagnosisResult, report_data: object) -> dict[str, float]:
+    """Share of the whole misfit of each claim: of the rows where they are at hand, else of the sizes of the fit."""
+    if isinstance(report_data, ReportData):
+        return shares_of_misfit(diagnosis, steps_of(report_data))
+    return shares_of_fit(diagnosis)
