@@ -12,6 +12,7 @@ from collections.abc import AsyncIterator
 
 from pydantic import SecretStr
 
+from highside.bench.session.driver import Kept
 from highside.bench.session.reasons import Fault, Rejection
 from highside.bench.session.snapshot import (
     AttitudeState,
@@ -210,8 +211,8 @@ class Slides:
             yield self._now
             await turned.wait()
 
-    async def remark(self, operator: str, text: str) -> str:
-        return "kept"
+    async def remark(self, operator: str, text: str) -> Kept:
+        return Kept(True, "kept")
 
     async def command(self, command: Command) -> Reply:
         return Reply(request_id=command.request_id, accepted=True, text="done", state=self._now.state, seq=self._seq)

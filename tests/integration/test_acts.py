@@ -27,6 +27,8 @@ from highside.recording.calibration_store import CalibrationStore
 
 __all__ = ["mosquitto"]
 """a fixture"""
+SENT_MS = 60_000
+"""Within which the page that answers a form is there, on a busy machine"""
 
 
 @pytest.fixture(scope="module")
@@ -70,11 +72,11 @@ async def test_a_calibration_is_put_in_force_and_taken_back(
         await in_every_dress(page, "put in force")
         await page.get_by_role("button", name="Put it in force").focus()
         await page.keyboard.press("Enter")
-        await expect(page.locator("h1")).to_contain_text(second[:12])
+        await expect(page.locator("h1")).to_contain_text(second[:12], timeout=SENT_MS)
         assert store.active_id("tool-7") == second
         await page.get_by_role("link", name="take it back").click()
         await page.get_by_role("button", name="Take it back").click()
-        await expect(page.locator("h1")).to_contain_text(first[:12])
+        await expect(page.locator("h1")).to_contain_text(first[:12], timeout=SENT_MS)
         assert store.active_id("tool-7") == first
         # and that one too, though none was in force before it
         await page.get_by_role("link", name="take it back").click()
@@ -82,7 +84,9 @@ async def test_a_calibration_is_put_in_force_and_taken_back(
         await expect(page.locator(".warning")).to_contain_text("the tool's readings pass uncorrected")
         await in_every_dress(page, "taken out of force")
         await page.get_by_role("button", name="Take it back").click()
-        await expect(page.get_by_role("region", name="history").locator("tbody tr").first).to_contain_text("nothing")
+        await expect(page.get_by_role("region", name="history").locator("tbody tr").first).to_contain_text(
+            "nothing", timeout=SENT_MS
+        )
         assert store.active_id("tool-7") is None
         await page.goto(f"{served.address}calibrations")
         await expect(page.locator("table")).not_to_contain_text("in force")
@@ -201,11 +205,11 @@ async def test_who_may_operate_commands_a_tool(tmp_path: Path, users: Path, mosq
         await expect(page.locator("h1")).to_have_text("Commands to rig 7")
         await in_every_dress(page, "commands")
         await page.get_by_role("button", name="Acknowledge").click()
-        await expect(page.locator(".alarm")).to_contain_text("nothing to do")
+        await expect(page.locator(".alarm")).to_contain_text("nothing to do", timeout=SENT_MS)
         faults.clear()  # a browser calls the answer 409 an error
         await page.get_by_label(re.compile("^Azimuth")).fill("123,5")
         await page.keyboard.press("Enter")
-        await expect(page.get_by_role("status")).to_contain_text("Done: align the azimuth")
+        await expect(page.get_by_role("status")).to_contain_text("Done: align the azimuth", timeout=SENT_MS)
         assert [(one["command"], one.get("azimuth_deg")) for one in heard] == [("acknowledge", None), ("align", 123.5)]
         outcomes = [(act["act"], act["outcome"], act.get("azimuth_deg")) for act in served.done()][1:]
         assert outcomes == [
@@ -253,11 +257,11 @@ async def test_a_certificate_is_filled_in_and_made(tmp_path: Path, users: Path, 
         await page.get_by_label("Customer", exact=True).fill("")
         await page.get_by_label("Who authorises it").fill(EVIL)
         await page.get_by_role("button", name="Digital (DCC)").click()
-        await expect(page.locator(".alarm")).to_contain_text("names the laboratory's country")
+        await expect(page.locator(".alarm")).to_contain_text("names the laboratory's country", timeout=SENT_MS)
         faults.clear()  # a browser calls the answer 409 an error
         await expect(page.get_by_label("Who authorises it")).to_have_value(EVIL)
         await page.get_by_role("button", name="HTML to print").click()
-        await expect(page.locator("h1")).to_have_text("Calibration certificate")
+        await expect(page.locator("h1")).to_have_text("Calibration certificate", timeout=SENT_MS)
         text = await page.locator("main").inner_text()
         assert "Laboratory of the file" in text and "Customer of the file" not in text and EVIL in text
         assert await page.title() != "1"

@@ -303,6 +303,13 @@ async def test_notes_and_photographs_are_kept_with_the_journal_and_stand_in_the_
         await page.wait_for_timeout(600)
         await assert_accessible(page, "a note")
         assert (await bench.state())["state"] != "paused", "what is typed is no command"
+        # what is too long for the journal stays, to be made shorter
+        await field.evaluate("field => field.removeAttribute('maxlength')")
+        await field.fill("x" * 2_000)
+        await page.click("[data-role=keep]")
+        await expect(page.get_by_text("A note has 1 to 500 letters")).to_be_visible()
+        await expect(field).to_have_value("x" * 2_000)
+        await field.fill(said)
         await page.click("[data-role=keep]")
         await expect(page.get_by_text("The note is in the journal.")).to_be_visible()
         await page.click("[data-role=keep]")

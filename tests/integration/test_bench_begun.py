@@ -21,6 +21,7 @@ from test_bench_page import CLICK_S, assert_accessible, assert_fits, badge
 from test_tools_page import serve
 
 TOKEN = "a token of the bench's page"
+BEGUN_MS = 60_000
 
 
 @pytest.fixture
@@ -91,7 +92,7 @@ async def test_a_session_is_begun_stopped_and_gone_on_with(folder: Path) -> None
             await card.get_by_label("Plan").select_option("ring.toml")
             await card.get_by_label("Operator").fill("A. Technician")
             await card.get_by_role("button", name="Begin a session (six.toml)").click()
-            await expect(page.get_by_role("region", name="session of tool-9")).to_be_visible()
+            await expect(page.get_by_role("region", name="session of tool-9")).to_be_visible(timeout=BEGUN_MS)
             assert len(processes(folder)) == 1
             assert processes(folder)[0].pid != server.pid, "who acquires is not who shows"
             await assert_accessible(page, "one runs")
@@ -115,7 +116,7 @@ async def test_a_session_is_begun_stopped_and_gone_on_with(folder: Path) -> None
             running = page.get_by_role("region", name="session of tool-9")
             await expect(running).to_contain_text("of 4 poses")
             await running.get_by_role("button", name="Stop").click()
-            await expect(page.get_by_text("No session that was begun here runs.")).to_be_visible()
+            await expect(page.get_by_text("No session that was begun here runs.")).to_be_visible(timeout=BEGUN_MS)
             assert processes(folder) == [] and not list((folder.parent / "pages").glob("*"))
         (folder / "six.toml").write_text(FILE.format(speed=4.0, plan=SIX).replace("tool-7", "tool-9"))
         async with serve(*options(folder)) as (address, _):
@@ -131,7 +132,7 @@ async def test_a_session_is_begun_stopped_and_gone_on_with(folder: Path) -> None
             await badge(page, "accepted").wait_for()
             await page.get_by_role("link", name="All sessions").click()
             await page.get_by_role("button", name="Close").click()
-            await expect(page.get_by_text("No session that was begun here runs.")).to_be_visible()
+            await expect(page.get_by_text("No session that was begun here runs.")).to_be_visible(timeout=BEGUN_MS)
     assert hosts <= {"127.0.0.1", "data", "blob"}, "no request leaves the host"
     records = list((folder / "state" / "calibrations" / "records").glob("*.json"))
     assert len(records) == 1 and '"tool-9"' in records[0].read_text()

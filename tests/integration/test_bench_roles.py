@@ -15,7 +15,7 @@ async def page_of(browser: Browser, bench: BenchProcess, name: str) -> Page:
     page = await (await browser.new_context()).new_page()
     await page.goto(bench.address)
     await sign_in(page, name)
-    await expect(page.locator(".bench")).to_be_visible()
+    await expect(page.locator(".bench")).to_be_visible(timeout=30_000)
     return page
 
 

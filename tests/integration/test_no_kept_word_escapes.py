@@ -73,6 +73,7 @@ async def test_no_word_of_what_is_kept_escapes(
         await look("settings", "settings")
         await page.fill("#text", FILE.replace("rate", "raet", 1) + "\nnonsense = 1\n")
         await page.locator("button[value=check]").click()
+        await page.wait_for_selector("main .alarm", timeout=60_000)
         await look("settings refused")
         await look("acts", "acts")
     assert {name: texts for name, texts in found.items() if texts} == {}

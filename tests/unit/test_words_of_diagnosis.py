@@ -60,8 +60,6 @@ PARTS = (
     " (likewise 7)", "(so do 7)", "deg of toolface", "what is left is taken for errors of the set angles: 7 deg of",
     "(7 with columns n", "magnitudes of still readings", "helps as well7, but has no sure name",
     ", following 7: no effect of the library, a law", "7 frames are lost in 7 gaps (7): ",
-    # of remarks on a comparison with another program's output, which its alignment says
-    "one clock: ", "each file has its own zero of time", "s compared, 7 rows/s",
 )  # fmt: skip
 
 

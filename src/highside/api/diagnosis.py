@@ -33,6 +33,7 @@ from highside.report.diagnosis_words import verdict_words
 from highside.shown.card import card
 from highside.shown.plot import Plot
 from highside.version import __version__
+from highside.words.said import said
 
 if TYPE_CHECKING:
     from highside.diagnosis.table.engine import SummaryReportData
@@ -262,8 +263,16 @@ def _lost(rows: LongRecording) -> tuple[Finding, ...]:
 
 def _of_long(rows: LongRecording) -> tuple[str, ...]:
     """What is said of a recording that is not in the memory."""
-    aside = f"; columns that were not used: {', '.join(rows.aside)}" if rows.aside else ""
-    return (f"{rows.n} rows are more than are held in the memory: they are read run by run{aside}",)
+    if not rows.aside:
+        return (said("%(rows)s rows are more than are held in the memory: they are read run by run", rows=rows.n),)
+    return (
+        said(
+            "%(rows)s rows are more than are held in the memory: they are read run by run; columns that were not used:"
+            " %(columns)s",
+            rows=rows.n,
+            columns=", ".join(rows.aside),
+        ),
+    )
 
 
 def rows_of(

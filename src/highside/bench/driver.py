@@ -189,20 +189,20 @@ class BenchDriver:
         self._changed.set()
         return reply
 
-    async def remark(self, operator: str, text: str) -> str:
+    async def remark(self, operator: str, text: str) -> Kept:
         who, said = one_line(operator).strip()[:64], one_line(text).strip()
         if not who or not said or len(said) > REMARK_MAX:
-            return f"A note has 1 to {REMARK_MAX} letters, and an operator."
+            return Kept(False, f"A note has 1 to {REMARK_MAX} letters, and an operator.")
         async with self._commands:
             if self._remarks >= REMARKS_MAX:
-                return f"There are {REMARKS_MAX} notes already: begin anew, or write them elsewhere."
+                return Kept(False, f"There are {REMARKS_MAX} notes already: begin anew, or write them elsewhere.")
             try:
                 self.session.remark(who, said, time.monotonic())
             except StorageError as error:
-                return f"{Refusal.STORAGE.text} ({error})"
+                return Kept(False, f"{Refusal.STORAGE.text} ({error})")
             self._remarks += 1
         self._changed.set()
-        return "The note is in the journal."
+        return Kept(True, "The note is in the journal.")
 
     async def photograph(self, operator: str, text: str, sent: bytes) -> Kept:
         who, said = one_line(operator).strip()[:64], one_line(text).strip()[:REMARK_MAX]

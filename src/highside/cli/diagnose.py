@@ -165,11 +165,12 @@ def _write_and_tell(made: Diagnosis, out: Path, write_model: Path | None, *, rep
     """Write what was found, and say it; exit status 1 where the data are bad."""
     from highside.cli.kinds import MODEL_MARK
     from highside.recording.files import write_whole
+    from highside.words import told
 
     learnt = made.model_toml() if write_model is not None else None
     made.save(out, report=report)
     for note in made.notes:
-        echo(note)
+        echo(told(note, "diagnosis"))
     _show(made)
     if report:
         _say_what_the_page_lacks(out)

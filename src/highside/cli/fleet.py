@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from highside.cli.options import Language
+from highside.cli.options import Language, PrintLanguage, speaking
 from highside.cli.say import echo, echo_json
 
 if TYPE_CHECKING:
@@ -53,11 +53,13 @@ def diagnose_command(
     workers: Workers = None,
     scheduler: Scheduler = None,
     dashboard: Dashboard = None,
+    language: PrintLanguage = "en",
     as_json: Json = False,
 ) -> None:
     """Diagnose every recording; each row keeps what pooling needs."""
-    text = "" if model is None else _model_text(model)
-    _run("diagnose", catalogue, out, workers, scheduler, dashboard, as_json, model=text, seed=seed)
+    with speaking(language, "settings"):
+        text = "" if model is None else _model_text(model)
+        _run("diagnose", catalogue, out, workers, scheduler, dashboard, as_json, model=text, seed=seed)
 
 
 @app.command("solve")
@@ -68,10 +70,12 @@ def solve_command(
     workers: Workers = None,
     scheduler: Scheduler = None,
     dashboard: Dashboard = None,
+    language: PrintLanguage = "en",
     as_json: Json = False,
 ) -> None:
     """Solve every pose table to a calibration record."""
-    _run("solve", catalogue, out, workers, scheduler, dashboard, as_json, method=method)
+    with speaking(language, "settings"):
+        _run("solve", catalogue, out, workers, scheduler, dashboard, as_json, method=method)
 
 
 @app.command("drift")
@@ -82,10 +86,12 @@ def drift_command(
     workers: Workers = None,
     scheduler: Scheduler = None,
     dashboard: Dashboard = None,
+    language: PrintLanguage = "en",
     as_json: Json = False,
 ) -> None:
     """Follow the attitude of every recording by gyros and gravity."""
-    _run("drift", catalogue, out, workers, scheduler, dashboard, as_json, method=method)
+    with speaking(language, "settings"):
+        _run("drift", catalogue, out, workers, scheduler, dashboard, as_json, method=method)
 
 
 @app.command("summary")
@@ -265,15 +271,16 @@ def _run(
 def _progress(job: str) -> Iterator[Callable[[int, int, str], None]]:
     """Shares done, on the terminal where there is one; the address of the dashboard once."""
     from highside.cli.diagnose_progress import progress_on_terminal
+    from highside.words import _
 
     said: list[str] = []
     with progress_on_terminal() as show:
 
         def report(done: int, total: int, dashboard: str) -> None:
             if dashboard and not said:
-                echo(f"dashboard: {dashboard}", err=True)
+                echo(_("dashboard: %(address)s", address=dashboard), err=True)
                 said.append(dashboard)
-            show(done / total if total else 0.0, f"{job}: {done} of {total}")
+            show(done / total if total else 0.0, _("%(job)s: %(done)s of %(total)s", job=job, done=done, total=total))
 
         yield report
 
@@ -290,6 +297,15 @@ def _show(finished: Finished, out: Path, as_json: bool) -> None:
     if as_json:
         echo_json(json.dumps({**counts, "errors": [{"uri": one.uri, "error": one.error} for one in failed]}, indent=1))
         return
-    echo(f"{out}: {', '.join(f'{count} {name}'.replace('_', ' ') for name, count in counts.items())}")
+    from highside.words import _, told
+
+    echo(
+        _(
+            "%(folder)s: %(recordings)s recordings, %(computed)s computed, %(there_already)s there already,"
+            " %(failed)s failed",
+            folder=out,
+            **counts,
+        )
+    )
     for one in failed:
-        echo(f"  {one.uri}: {one.error}", err=True)
+        echo(f"  {one.uri}: {told(one.error or '', 'diagnosis')}", err=True)

@@ -42,6 +42,23 @@ def in_options(message: HighsideError | str) -> str:
 
 
 @contextmanager
+def speaking(code: str, of: str = "") -> Iterator[None]:
+    """Within it a command says everything in that language, what it refuses too. `of`: as of `told`."""
+    from highside.cli.say import echo
+    from highside.words import in_language
+    from highside.words.errors import error_told
+
+    with in_language(code):
+        try:
+            yield
+        except HighsideError as error:
+            if code == "en":
+                raise
+            echo(f"highside: {in_options(error_told(error, of))}", err=True)
+            raise typer.Exit(error.exit_status) from None
+
+
+@contextmanager
 def as_options(*names: str, **options: str) -> Iterator[None]:
     """Within it an InputError about one of these arguments names the option of that name, or the one that is given."""
     try:

@@ -12,8 +12,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from highside.cli.linux import linux_alone
+from highside.cli.options import PrintLanguage, speaking
 from highside.cli.say import echo, echo_json, report_omitted
 from highside.errors import InputError
+from highside.words import _, told
 
 if TYPE_CHECKING:
     from highside.config.settings import Settings
@@ -89,12 +91,18 @@ def _until_ended(config: Path, serve: Callable[[], Coroutine[Any, Any, None]]) -
 def check(
     config: Annotated[Path, typer.Argument(help="The configuration to validate.")],
     overrides: SetOption = None,
+    language: PrintLanguage = "en",
     as_json: Annotated[bool, typer.Option("--json", help="Print the effective configuration as JSON.")] = False,
 ) -> None:
     """Validate a configuration without running it: fields, codec, secrets, calibration record, compensation.
 
     A bench session's file (it has a table [plan]) is judged as such, its page's token, certificate and key too.
     """
+    with speaking(language, "settings"):
+        _check(config, overrides, as_json=as_json)
+
+
+def _check(config: Path, overrides: list[str] | None, *, as_json: bool) -> None:
     from highside.codec.registry import faults
     from highside.config.settings import load
     from highside.config.tools import has_tools, load_tools
@@ -123,11 +131,19 @@ def _check_tool(config: Path, settings: Settings, *, quiet: bool) -> None:
     if quiet:
         return
     echo(
-        f"{config}: good. Tool {settings.tool.id}, link {settings.link.kind}, codec {settings.codec.name},"
-        f" calibration {cal_id}, broker {settings.mqtt.host}:{settings.mqtt.port}"
+        _(
+            "%(file)s: good. Tool %(tool)s, link %(link)s, codec %(codec)s, calibration %(calibration)s, broker"
+            " %(broker)s",
+            file=config,
+            tool=settings.tool.id,
+            link=settings.link.kind,
+            codec=settings.codec.name,
+            calibration=cal_id,
+            broker=f"{settings.mqtt.host}:{settings.mqtt.port}",
+        )
     )
     if settings.drift.model_fields_set and settings.drift.enabled and settings.site.latitude_deg is None:
-        echo("note: [drift] without site.latitude_deg: the Earth's rotation (15 deg/h) counts as gyro bias")
+        echo(_("note: [drift] without site.latitude_deg: the Earth's rotation (15 deg/h) counts as gyro bias"))
 
 
 def _check_bench(config: Path, overrides: list[str] | None, as_json: bool) -> None:
@@ -155,11 +171,17 @@ def _check_bench(config: Path, overrides: list[str] | None, as_json: bool) -> No
     source = "simulated" if settings.link is None else settings.link.kind
     scheme = "http" if settings.web.tls is None else "https"
     echo(
-        f"{config}: good. A bench session: tool {settings.tool.id}, link {source}, plan {settings.plan.kind}, page"
-        f" {scheme}://{settings.web.host}:{settings.web.port}"
+        _(
+            "%(file)s: good. A bench session: tool %(tool)s, link %(link)s, plan %(plan)s, page %(page)s",
+            file=config,
+            tool=settings.tool.id,
+            link=source,
+            plan=settings.plan.kind,
+            page=f"{scheme}://{settings.web.host}:{settings.web.port}",
+        )
     )
     if settings.web.warning is not None:
-        echo(f"warning: {settings.web.warning}", err=True)
+        echo(_("warning: %(what)s", what=told(settings.web.warning, "settings")), err=True)
 
 
 def _calibration_of(settings: Settings, config: Path) -> str:
@@ -177,11 +199,12 @@ def _calibration_of(settings: Settings, config: Path) -> str:
     except RecordError as error:
         if error.reason is not RecordReason.NONE_ACTIVE:
             raise
-        echo(
-            f"note: {error.text}: readings pass uncorrected; run `highside calibrate bench`, put its record in force",
-            err=True,
+        note = _(
+            "note: %(what)s: readings pass uncorrected; run `highside calibrate bench`, put its record in force",
+            what=told(error.text, "settings"),
         )
-        return "none yet"
+        echo(note, err=True)
+        return _("none yet")
     except InputError as error:
         calibration = settings.calibration
         field = "calibration.record" if calibration.record is not None else "calibration.store"

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from highside.cli.options import as_options, in_options
+from highside.cli.options import PrintLanguage, as_options, in_options, speaking
 from highside.cli.say import echo, echo_json
 
 if TYPE_CHECKING:
@@ -47,25 +47,27 @@ def fit_self(
     gyro_misalignment_arcmin: Annotated[
         float, typer.Option(help="What is not known of the gyros' alignment with the accelerometers, arcmin.")
     ] = 1.0,
+    language: PrintLanguage = "en",
     as_json: Annotated[bool, typer.Option("--json", help="Print as JSON.")] = False,
 ) -> None:
     """Fit errors of I and T against the rotor angle with the recording's own gyros and accelerometers as reference."""
     from highside.api.turntable import fit_self as fit
     from highside.recording.files import write_whole
 
-    with as_options("gyro_bias_dph", "gyro_misalignment_arcmin"):
-        found = fit(
-            recordings,
-            of=of.value,
-            calibration=calibration,
-            gyro_bias_dph=gyro_bias_dph,
-            gyro_misalignment_arcmin=gyro_misalignment_arcmin,
-        )
-    write_whole(output, found.compensation.to_json().encode())
-    if as_json:
-        _print_json(found, of, output)
-    else:
-        _print_lines(found, of, output)
+    with speaking(language, "rotation"):
+        with as_options("gyro_bias_dph", "gyro_misalignment_arcmin"):
+            found = fit(
+                recordings,
+                of=of.value,
+                calibration=calibration,
+                gyro_bias_dph=gyro_bias_dph,
+                gyro_misalignment_arcmin=gyro_misalignment_arcmin,
+            )
+        write_whole(output, found.compensation.to_json().encode())
+        if as_json:
+            _print_json(found, of, output)
+        else:
+            _print_lines(found, of, output)
 
 
 def _print_json(found: SelfFit, of: PartName, output: Path) -> None:
@@ -83,12 +85,25 @@ def _print_json(found: SelfFit, of: PartName, output: Path) -> None:
 
 
 def _print_lines(found: SelfFit, of: PartName, output: Path) -> None:
-    at = ", ".join(f"{one:.2f}" for one in found.inclinations_deg)
-    echo(f"{output}: {of.value} errors of {found.turns:.1f} turns at I = {at} deg, {found.compensation.id[:12]}")
-    for name, one in found.described().items():
-        echo(
-            f"  {name:<11} order {one['order']:<2} amplitude {one['half_range_arcmin']:.3f}',"
-            f" uncertain by {one['std_worst_arcmin']:.3f}'"
+    from highside.words import _, told
+
+    echo(
+        _(
+            "%(file)s: %(part)s errors of %(turns)s turns at I = %(at)s deg, %(id)s",
+            file=output,
+            part=of.value,
+            turns=f"{found.turns:.1f}",
+            at=", ".join(f"{one:.2f}" for one in found.inclinations_deg),
+            id=found.compensation.id[:12],
         )
+    )
+    for name, one in found.described().items():
+        line = _(
+            "order %(order)s amplitude %(size)s', uncertain by %(std)s'",
+            order=f"{one['order']:<2}",
+            size=f"{one['half_range_arcmin']:.3f}",
+            std=f"{one['std_worst_arcmin']:.3f}",
+        )
+        echo(f"  {name:<11} {line}")
     for remark in found.sentences:
-        echo(in_options(remark), err=True)
+        echo(in_options(told(remark, "rotation")), err=True)

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from highside.cli.options import PrintLanguage, speaking
 from highside.cli.say import echo, echo_json
+
+if TYPE_CHECKING:
+    from highside.api.turntable import TurntableFit
 
 
 def turntable(
@@ -22,6 +26,7 @@ def turntable(
     ],
     output: Annotated[Path, typer.Option("-o", "--output", help="Compensation (JSON) to write.")],
     largest_order: Annotated[int, typer.Option(min=0, max=12, help="Highest harmonic looked for.")] = 8,
+    language: PrintLanguage = "en",
     as_json: Annotated[bool, typer.Option("--json", help="Print as JSON.")] = False,
 ) -> None:
     """Fit a bench's encoder and axis errors, good at every inclination; `calibrate solve --turntable` uses them.
@@ -31,17 +36,26 @@ def turntable(
     from highside.api.turntable import fit_turntable
     from highside.recording.files import write_whole
 
-    found = fit_turntable(recording, largest_order=largest_order)
-    made = found.compensation
-    write_whole(output, made.to_json().encode())
-    left = found.noise_arcmin
-    if as_json:
-        echo_json(json.dumps({"output": str(output), "id": made.id, "order": found.curve.order, "noise": left}))
-        return
-    echo(f"{output}: order {found.curve.order} from {found.rows} rows, {made.id[:12]}")
+    with speaking(language, "rotation"):
+        found = fit_turntable(recording, largest_order=largest_order)
+        made = found.compensation
+        write_whole(output, made.to_json().encode())
+        if as_json:
+            order, left = found.curve.order, found.noise_arcmin
+            echo_json(json.dumps({"output": str(output), "id": made.id, "order": order, "noise": left}))
+        else:
+            _tell(found, output)
+
+
+def _tell(found: TurntableFit, output: Path) -> None:
+    from highside.words import _, told
+
+    order, rows, short = found.curve.order, found.rows, found.compensation.id[:12]
+    echo(_("%(file)s: order %(order)s from %(rows)s rows, %(id)s", file=output, order=order, rows=rows, id=short))
     for name, harmonics in found.harmonics_arcmin().items():
         listed = ", ".join(f"{k}: {size:.3f}'" for k, size in enumerate(harmonics, start=1))
-        echo(f"  {name:<8} {listed or 'no harmonic'}")
-    echo(f"  a row about the curves: T {left['toolface_arcmin']:.3f}', I {left['inclination_arcmin']:.3f}'")
+        echo(f"  {name:<8} {listed or _('no harmonic')}")
+    left = {name: f"{size:.3f}" for name, size in found.noise_arcmin.items()}
+    echo("  " + _("a row about the curves: T %(toolface_arcmin)s', I %(inclination_arcmin)s'", **left))
     if found.curve.coverage.warning:
-        echo(found.curve.coverage.warning, err=True)
+        echo(told(found.curve.coverage.warning, "rotation"), err=True)

@@ -38,6 +38,7 @@ from highside.physics.effects.gyro_scale import EFFECT as GYRO_SCALE
 from highside.physics.forward import ForwardModel
 from highside.physics.plan import Site
 from highside.physics.state import differences
+from highside.words.said import said
 
 __all__ = ["ACCELEROMETERS", "GYROS", "KINDS", "Answer", "Kind", "Request", "diagnose_columns", "rotates"]
 
@@ -315,18 +316,34 @@ def _aligned(session: SimulationSession) -> str:
     """What was compared, and how the two were brought together."""
     a = session.alignment
     if not a.same_clock:
-        how = f"each file has its own zero of time: the prediction was shifted by {a.shift_s:+.5g} s"
+        how = said(
+            "each file has its own zero of time: the prediction was shifted by %(shift)s s", shift=f"{a.shift_s:+.5g}"
+        )
     elif a.rate:
-        how = (
-            f"one clock: the recording lags by {a.lag_s:+.4g} s at the start, and the rate of the clock or of the "
-            f"motion is off by {a.rate:+.3%}"
+        how = said(
+            "one clock: the recording lags by %(lag)s s at the start, and the rate of the clock or of the motion is off"
+            " by %(rate)s",
+            lag=f"{a.lag_s:+.4g}",
+            rate=f"{a.rate:+.3%}",
+        )
+    elif a.lag_s >= 0.0:
+        how = said(
+            "one clock: the recording is %(lag)s s after the prediction, which is left to be diagnosed",
+            lag=f"{a.lag_s:.4g}",
         )
     else:
-        side = "after" if a.lag_s >= 0.0 else "before"
-        how = f"one clock: the recording is {abs(a.lag_s):.4g} s {side} the prediction, which is left to be diagnosed"
-    return (
-        f"{', '.join(session.names)}: {session.n * session.step_s:.1f} s compared, {1 / session.step_s:.3g} rows/s, "
-        f"up to {session.band_hz:.3g} Hz; {how} (correlation {a.correlation:.3f})"
+        how = said(
+            "one clock: the recording is %(lag)s s before the prediction, which is left to be diagnosed",
+            lag=f"{-a.lag_s:.4g}",
+        )
+    return said(
+        "%(channels)s: %(span)s s compared, %(rate)s rows/s, up to %(band)s Hz; %(how)s (correlation %(correlation)s)",
+        channels=", ".join(session.names),
+        span=f"{session.n * session.step_s:.1f}",
+        rate=f"{1 / session.step_s:.3g}",
+        band=f"{session.band_hz:.3g}",
+        how=how,
+        correlation=f"{a.correlation:.3f}",
     )
 
 

@@ -7,7 +7,7 @@ from collections.abc import Awaitable, Callable
 from nicegui import ui
 from nicegui.elements.dialog import Dialog
 
-from highside.bench.session.driver import REMARK_MAX
+from highside.bench.session.driver import REMARK_MAX, Kept
 from highside.web.language import language_line
 from highside.web.parts import markup
 from highside.web.phone import qr_svg
@@ -20,8 +20,8 @@ ONLY_HERE = said_later(
 )
 
 
-Note = Callable[[str], Awaitable[str]]
-"""Keeps a note and answers in words."""
+Note = Callable[[str], Awaitable[Kept]]
+"""Keeps a note, or says why not."""
 
 
 def build_beside(
@@ -73,8 +73,11 @@ def _build_note(note: Note) -> Dialog:
         answer = ui.label("").classes("answer").props('role="status"')
 
         async def keep() -> None:
-            answer.set_text(await note(text.value or ""))
-            text.set_value("")
+            kept = await note(text.value or "")
+            answer.set_text(kept.text)
+            # what was not kept stays to be mended, and not to be written again
+            if kept.done:
+                text.set_value("")
 
         with ui.row():
             ui.button(_("Keep it"), color=None, on_click=keep).props('no-caps unelevated data-role="keep"').classes(

@@ -21,7 +21,7 @@ from nicegui.elements.html import Html
 from nicegui.events import KeyEventArguments
 from pydantic import ValidationError
 
-from highside.bench.session.driver import SessionDriver
+from highside.bench.session.driver import Kept, SessionDriver
 from highside.bench.session.force import NOTHING
 from highside.bench.session.labels import LABELS
 from highside.bench.session.snapshot import Command, CommandName, PoseState, SessionState, Snapshot
@@ -320,8 +320,9 @@ class BenchView:
                 return
 
     @_own_language
-    async def _note(self, text: str) -> str:
-        return told(await self._driver.remark(self._name_of_operator(), text))
+    async def _note(self, text: str) -> Kept:
+        kept = await self._driver.remark(self._name_of_operator(), text)
+        return Kept(kept.done, told(kept.text))
 
     def _name_of_operator(self) -> str:
         return self._signed_in or (self._name.value or "").strip()

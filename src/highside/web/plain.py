@@ -1,4 +1,4 @@
-"""What pages without a script have in common: style, headers and template of the frame."""
+"""What plain pages have in common: style, headers, the script of their forms and the template of the frame."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from urllib.parse import parse_qs
 
-from fastapi import Response
+from fastapi import FastAPI, Response
+from fastapi.responses import JSONResponse
 
 from highside.web.navigation import Link
 from highside.web.viewer import viewer
@@ -21,18 +22,21 @@ _POLICY = (
     "default-src 'none'; style-src 'self'; img-src 'self' data:; form-action 'self'; frame-ancestors 'none';"
     " base-uri 'none'"
 )
+_SCRIPT = (_FOLDER / "forms.js").read_text(encoding="utf-8")
 HEADERS = {
     "Content-Security-Policy": _POLICY,
     "Cache-Control": "no-store",
     # a form of ours names our origin; without a referrer a browser names none
     "Referrer-Policy": "same-origin",
 }
+FORM_HEADERS = {**HEADERS, "Content-Security-Policy": f"{_POLICY}; script-src 'self'; connect-src 'self'"}
+"""Of a page with a form: its script asks whether the server is there before anything is sent."""
 
 
 def render(template: str, links: Sequence[Link], here: str, **values: object) -> str:
     """A page for the present viewer; `here`: the address in the navigation that it belongs to."""
     found = worded().get_template(template)
-    return found.render(links=links, here=here, viewer=viewer(), languages=LANGUAGES, **values)
+    return found.render(links=links, here=here, viewer=viewer(), who=_who(), languages=LANGUAGES, **values)
 
 
 def form_of(body: bytes) -> dict[str, list[str]]:
@@ -48,6 +52,23 @@ def person_line(tool: str | None = None) -> str:
     return worded().get_template("plain/person.html").render(viewer=viewer(), live_tool=tool)
 
 
-async def style() -> Response:
-    """Answers with the style of plain pages."""
-    return Response(STYLE, media_type="text/css", headers={"Cache-Control": "max-age=3600"})
+def serve_plain(app: FastAPI) -> None:
+    """Add what all plain pages load."""
+
+    @app.get("/style.css")
+    async def style() -> Response:
+        return Response(STYLE, media_type="text/css", headers={"Cache-Control": "max-age=3600"})
+
+    @app.get("/forms.js")
+    async def script() -> Response:
+        return Response(_SCRIPT, media_type="text/javascript", headers={"Cache-Control": "max-age=3600"})
+
+    @app.get("/here")
+    async def here() -> Response:
+        return JSONResponse({"who": _who()}, headers=HEADERS)
+
+
+def _who() -> str:
+    """Whom a page was made for; nobody: who has not signed in, nor shown the token."""
+    person = viewer().person
+    return "" if person is None else f"{person.via} {person.name}"

@@ -50,6 +50,28 @@ ORDERS = (
     said_later("record more turns, with more rows a turn, for the order to be fitted"),
 )
 """Which order was taken, and what is left above it (`rotation.fit`)."""
+SELF = (
+    said_later("the accelerometers' own errors pass for the turntable's: give calibration= or of='rotor'"),
+    said_later("%(worst)s deg from the bench in a row: no error of a turntable"),
+    said_later("omit rows in motion and rows of another fixture"),
+    said_later("must not be negative"),
+    said_later("time stands or goes back"),
+    said_later("sort the rows by time"),
+    said_later("%(file)s: %(rows)s rows in which rotor angle and readings are all known"),
+    said_later("the part %(part)s needs gyros; without them only %(other)s can be separated"),
+    said_later("no %(turns)s turns in one go: nothing repeats by which an error could be distinguished from motion"),
+    said_later("%(rows)s rows a turn; %(least)s are needed: record faster or turn slower"),
+    said_later("within three degrees of vertical there is no toolface to tell errors of"),
+    said_later("the part 'sensor' is no error of a turntable: use 'rotor', or 'decoded' of a calibrated tool"),
+    said_later("rows within three degrees of vertical have no toolface to speak of"),
+    said_later("leave them out"),
+    said_later("one inclination cannot separate the encoder from the wobble of the axis; add a turn at another one"),
+    said_later("%(rows)s rows at these angles cannot separate the encoder from the wobble of the axis"),
+    said_later(
+        "this compensation is for %(channels)s, good at one inclination only; a bench needs one of rotation turntable"
+    ),
+)
+"""Of a turntable's own fit, and of one without an outside reference (`api.turntable`)."""
 REFUSALS = (
     said_later(
         "only %(angle)s deg of the turn are covered: a constant and a first harmonic cannot be separated; record at"
@@ -96,4 +118,4 @@ DIRECTIONS = (
 )
 """What depends on the direction, the rate and the inclination (`rotation.direction`, `rotation.recording`)."""
 
-ROTATION = REMARKS + ORDERS + REFUSALS + DIRECTIONS
+ROTATION = REMARKS + ORDERS + SELF + REFUSALS + DIRECTIONS

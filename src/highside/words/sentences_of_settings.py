@@ -1,11 +1,12 @@
 """What is wrong with a file of settings: sentences of `config.mistakes`, of pydantic, which checks the fields, and of
-the tables' own rules. Made in English where the mistake is found, told where a page shows it (`SETTINGS`)."""
+the tables' own rules, of files, codecs, benches and calibrations that they name. Made in English where the mistake is
+found, told where a page or a command shows it (`SETTINGS`)."""
 
 from __future__ import annotations
 
 from highside.words.marks import said_later
 
-SETTINGS = (
+FIELDS = (
     said_later("is missing"),
     said_later("add it"),
     said_later("add it: it says which kind the table describes"),
@@ -52,4 +53,110 @@ SETTINGS = (
     said_later("is not valid TOML: %(why)s"),
     said_later("correct that number"),
     said_later("take brackets away"),
+    said_later("%(command)s needs %(field)s"),
+    said_later("is not a known table"),
+    said_later("fix the environment variable"),
+    said_later("is not of the form key.path=value"),
+    said_later("sets both a value and a table below it"),
+    said_later("is no list of tables"),
+    said_later("begin each with [[tools]]"),
+    said_later("has more than %(most)s entries"),
+    said_later("run several services"),
+    said_later('name the tool: id = "HS-1"'),
+    said_later("%(name)s is given twice"),
+    said_later("give each its own"),
+    said_later("goes with one tool alone"),
+    said_later("write the ids in the file"),
+    said_later("%(place)s is that of %(tools)s"),
+    said_later("give each tool its own, within its [[tools]]"),
+    said_later("name a file with a plan"),
+    said_later("method %(name)s holds near its own inclinations only"),
+    said_later("link.kind 'simulated' speaks as the tool itself: codec.name 'tool', or 'dbc' without fields"),
 )
+FILES = (
+    said_later("no such file"),
+    said_later("fix the path"),
+    said_later("name the right file"),
+    said_later("holds no password"),
+    said_later("write it into the file"),
+    said_later("`host` is a name or an address, without spaces and without /"),
+    said_later("may be read by others (mode %(mode)s)"),
+    said_later("[web.tls] needs the library cryptography"),
+    said_later("holds no certificate"),
+    said_later("a PEM file is expected"),
+    said_later("is encrypted"),
+    said_later("decrypt it, and let only its owner read it"),
+    said_later("holds no private key"),
+    said_later("does not belong to %(certificate)s"),
+    said_later("name the certificate's own key"),
+    said_later("has expired on %(date)s"),
+    said_later("renew it"),
+    said_later("is not valid before %(date)s"),
+    said_later("is the clock right?"),
+    said_later("cannot be used with its key (%(why)s)"),
+    said_later("make the pair anew"),
+    said_later("is not UTF-8 text"),
+    said_later("has %(count)s characters"),
+    said_later("a token has at least %(count)s"),
+    said_later("is no certificate or key that can be used (%(why)s)"),
+    said_later("give PEM files that belong together"),
+    said_later(
+        "[web] host = %(host)s without [web.tls]: the token and all commands travel in clear, and who can listen on"
+        " that network can command; give a certificate and its key, or bind to 127.0.0.1 and tunnel"
+    ),
+)
+"""Of secrets and certificates that the settings name."""
+CODECS = (
+    said_later("%(text)s is no axis map"),
+    said_later('name x, y, z once each, with a sign where negative, as "-yxz"'),
+    said_later("%(text)s is a mirror, not a rotation: toolface would run backwards"),
+    said_later("check the signs, or set allow_mirror = true for a left-handed sensor"),
+    said_later("is not a readable DBC file: %(why)s"),
+    said_later("fix the file"),
+    said_later("several messages are mapped"),
+    said_later("name the last one: %(names)s"),
+    said_later("nothing is mapped"),
+    said_later("map at least one signal"),
+    said_later("%(name)s is not mapped"),
+    said_later("no message %(name)s"),
+    said_later("it has: %(names)s"),
+    said_later("message %(name)s is multiplexed, which is not supported"),
+    said_later("message %(name)s has no signal %(signal)s within its %(length)s bytes"),
+    said_later("has no message %(name)s with the signals %(signals)s"),
+    said_later("map the signals of another maker's DBC file in the table codec.fields"),
+    said_later("the codec %(name)s cannot be used: %(why)s"),
+)
+"""Of how frames are decoded."""
+BENCHES = (
+    said_later("is missing: the fit of a turntable is kept under the name of its bench"),
+    said_later("name the bench, or give bench.turntable = FILE"),
+    said_later("run a plan `turntable` first"),
+    said_later("a law of this model depends on %(name)s, which a bench session does not tell"),
+    said_later("leave that law out, or use `calibrate solve` with a table that has the column"),
+    said_later("knows no effect of the bench, and no law"),
+    said_later("a number of a pose and one of %(names)s"),
+)
+"""Of a bench session."""
+IN_FORCE = (
+    said_later("calibration refused (%(reason)s): %(why)s"),
+    said_later("record %(id)s bears no signature, and only signed ones are accepted; see `highside keys sign`"),
+    said_later("record %(id)s: %(why)s; use the original file"),
+    said_later("%(file)s: schema %(schema)s, this software reads %(known)s and %(other)s"),
+    said_later("%(file)s: its content has the hash %(found)s, not %(stated)s; use the original file"),
+    said_later("%(file)s: parts are missing or contradict one another (%(detail)s)"),
+    said_later("record %(id)s is of tool %(tool)s, not of %(other)s"),
+    said_later("record %(id)s is of serial number %(serial)s, not of %(other)s"),
+    said_later("record %(id)s expired on %(date)s; calibrate again"),
+    said_later("no such calibration store"),
+    said_later("calibrate solve --store makes one"),
+    said_later("%(store)s has no calibration in force for tool %(tool)s"),
+    said_later("%(store)s has no calibration in force for tool %(tool)s (it has one of %(tools)s)"),
+    said_later("is no compensation"),
+    said_later("is no whole compensation (%(why)s)"),
+    said_later("%(file)s: its content is not the one its id was made from: it was changed; fit again"),
+    said_later(
+        "this compensation is for %(names)s: of inclination, toolface and azimuth it says nothing; fit %(channels)s"
+    ),
+)
+"""Of the calibration and the compensation that the settings put in force."""
+SETTINGS = FIELDS + FILES + CODECS + BENCHES + IN_FORCE

@@ -49,8 +49,8 @@ class SessionDriver(Protocol):
         """Do what an operator asks, or say why not; `origin`: where it came from. Never raises for its content."""
         ...
 
-    async def remark(self, operator: str, text: str) -> str:
-        """Keep a remark of an operator (`Name`) in the journal, `REMARK_MAX` letters at most; the answer in words."""
+    async def remark(self, operator: str, text: str) -> Kept:
+        """Keep a remark of an operator (`Name`) in the journal, `REMARK_MAX` letters at most."""
         ...
 
     async def photograph(self, operator: str, text: str, sent: bytes) -> Kept:

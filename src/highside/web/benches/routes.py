@@ -28,7 +28,7 @@ from highside.web.benches.children import Children, Running
 from highside.web.front import of_our_origin
 from highside.web.host import PageHost, notice
 from highside.web.navigation import Link
-from highside.web.plain import HEADERS, form_of, render
+from highside.web.plain import FORM_HEADERS, HEADERS, form_of, render
 from highside.web.signin.acts import Person
 from highside.web.words import _
 
@@ -102,7 +102,7 @@ class BenchPages:
             offers=offers,
             operator=self._operator(request),
         )
-        return HTMLResponse(page, status, HEADERS)
+        return HTMLResponse(page, status, FORM_HEADERS)
 
     def _operator(self, request: Request) -> str:
         person = self._person(request)

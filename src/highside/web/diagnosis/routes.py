@@ -33,7 +33,7 @@ from highside.web.diagnosis.views import DiagnosisViews
 from highside.web.front import of_our_origin
 from highside.web.host import PageHost, notice
 from highside.web.navigation import Link
-from highside.web.plain import HEADERS
+from highside.web.plain import FORM_HEADERS, HEADERS
 from highside.web.words import _, said
 from highside.words import language
 from highside.words.errors import error_told
@@ -48,8 +48,6 @@ MODEL_MAX = 200_000
 FORM_MAX = 8_000
 MAPPINGS_MAX = 40
 _UPLOAD = "/diagnosis/file"
-_POLICY = HEADERS["Content-Security-Policy"] + "; script-src 'self'; connect-src 'self'"
-"""Of a page whose script asks how the job stands."""
 _REPORT_POLICY = (
     "sandbox allow-scripts; default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:;"
     " font-src data:; frame-ancestors 'none'; base-uri 'none'; form-action 'none'"
@@ -101,7 +99,7 @@ class DiagnosisPages:
     def _guarded(self, handler: Handler) -> Callable[[Request], Awaitable[Response]]:
         async def answered(request: Request) -> Response:
             if not self._may(request):
-                return HTMLResponse(self._views.sign_in(), 401, HEADERS)
+                return HTMLResponse(self._views.sign_in(), 401, FORM_HEADERS)
             if request.method != "GET" and not of_our_origin(request.scope):
                 return notice(_("Refused"), _("This form does not come from a page of this server."), 403)
             viewer = request.cookies.get(VIEWER, "")
@@ -110,7 +108,7 @@ class DiagnosisPages:
             try:
                 answer = await handler(request, viewer)
             except HighsideError as error:
-                answer = HTMLResponse(self._views.begin(error_told(error)), 409, HEADERS)
+                answer = HTMLResponse(self._views.begin(error_told(error)), 409, FORM_HEADERS)
             if not known:
                 assert self._host is not None
                 secure = self._host.settings.tls is not None
@@ -132,10 +130,10 @@ class DiagnosisPages:
     async def _show(self, request: Request, viewer: str) -> Response:
         job = self._jobs.of(viewer)
         if job is None:
-            return HTMLResponse(self._views.begin(), headers=HEADERS)
+            return HTMLResponse(self._views.begin(), headers=FORM_HEADERS)
         report = await asyncio.to_thread(job.report.is_file)
         page = self._views.job(job, self._jobs.waiting_before(job), report=report)
-        return HTMLResponse(page, headers={**HEADERS, "Content-Security-Policy": _POLICY})
+        return HTMLResponse(page, headers=FORM_HEADERS)
 
     async def _state(self, request: Request, viewer: str) -> Response:
         job = self._jobs.of(viewer)

@@ -28,7 +28,7 @@ from highside.recording.calibration_store import CalibrationStore
 from highside.report.certificate import certificate, number_of
 from highside.report.certificate_inputs import Inputs
 from highside.report.dcc import dcc
-from highside.web.plain import HEADERS, form_of
+from highside.web.plain import FORM_HEADERS, HEADERS, form_of
 from highside.web.records.shelf import SessionShelf
 from highside.web.records.views import Views
 from highside.web.signin.acts import Acts, Person
@@ -110,7 +110,7 @@ class CertificatePages:
         rows = [(f"{table}.{field}", words, values.get(f"{table}.{field}", "")) for table, field, words in ASKED]
         more = {"language": values.get(LANGUAGE) or viewer().language, "photographs": len(self._photographs(record))}
         page = self._views.certificate(record, rows, trouble, annex=trouble is None or ANNEX in values, **more)
-        return HTMLResponse(page, 200 if trouble is None else 409, HEADERS)
+        return HTMLResponse(page, 200 if trouble is None else 409, FORM_HEADERS)
 
     def _photographs(self, record: CalibrationRecord) -> tuple[Found, ...]:
         return () if self._sessions is None else self._sessions.photographs_of(record)

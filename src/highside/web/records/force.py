@@ -22,7 +22,7 @@ from highside.calibration.signature import TrustedKeys
 from highside.config.users import Role
 from highside.errors import HighsideError, Refused
 from highside.recording.calibration_store import CalibrationStore, contradiction
-from highside.web.plain import HEADERS, form_of
+from highside.web.plain import FORM_HEADERS, HEADERS, form_of
 from highside.web.records.shelf import written
 from highside.web.records.views import Views
 from highside.web.records.wanted import Wanted
@@ -86,7 +86,7 @@ class ForcePages:
     def _ask(self, name: str, *, back: bool) -> Response:
         wanted = self._wanted(name, back=back)
         found = None if wanted.now is None or wanted.to_nothing else change(wanted.now, wanted.then)
-        return HTMLResponse(self._views.force(wanted, found), headers=HEADERS)
+        return HTMLResponse(self._views.force(wanted, found), headers=FORM_HEADERS)
 
     def _do(self, person: Person, name: str, seen: str, *, back: bool) -> Response:
         wanted = self._wanted(name, back=back)

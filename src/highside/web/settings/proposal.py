@@ -24,6 +24,7 @@ from highside.reading import decode_text, parse_toml, read_bytes
 from highside.recording.files import write_whole
 from highside.service.reload import ONLY_BY_RESTART
 from highside.web.words import _, said
+from highside.words import language
 from highside.words.errors import error_told
 
 TEXT_MAX = 100_000
@@ -45,8 +46,8 @@ class FieldChange:
 
 @dataclass(frozen=True, slots=True)
 class Proposal:
-    """What was found. `trouble`: why it cannot be saved; `said`: what the check says, in English as on a terminal;
-    `by_check`: `trouble` is in English too."""
+    """What was found. `trouble`: why it cannot be saved; `said`: what the check says, as on a terminal; `by_check`:
+    `trouble` is in English."""
 
     trouble: str | None
     said: str
@@ -78,7 +79,7 @@ def propose(path: Path, text: str) -> Proposal:
             trouble = error_told(error, "settings")
             return Proposal(_told(trouble, candidate, path), "", by_check=trouble == str(error))
         done = subprocess.run(
-            [sys.executable, "-c", _CHECK, "check", str(candidate)],
+            [sys.executable, "-c", _CHECK, "check", "--language", language(), str(candidate)],
             stdin=subprocess.DEVNULL,
             capture_output=True,
             text=True,
@@ -88,7 +89,7 @@ def propose(path: Path, text: str) -> Proposal:
         )
         heard = _told((done.stdout + done.stderr).strip(), candidate, path)
     if done.returncode != 0:
-        return Proposal(heard or _("the check failed"), "", by_check=bool(heard))
+        return Proposal(heard or _("the check failed"), "")
     try:
         before = _every(path)
     except HighsideError:

@@ -19,7 +19,7 @@ from fastapi.responses import HTMLResponse
 from highside.config.users import Role
 from highside.errors import HighsideError, Refused
 from highside.web.navigation import Link
-from highside.web.plain import HEADERS, form_of, render
+from highside.web.plain import FORM_HEADERS, form_of, render
 from highside.web.settings.proposal import TEXT_MAX, Proposal, propose, read_text, save
 from highside.web.signin.acts import BEGINS, DONE, Acts, Person
 from highside.web.viewer import viewer
@@ -120,4 +120,4 @@ class SettingsPages:
             said=said,
             may=status != 403,
         )
-        return HTMLResponse(page, status, HEADERS)
+        return HTMLResponse(page, status, FORM_HEADERS)

@@ -20,13 +20,13 @@ from highside.errors import HighsideError
 from highside.web.front import of_our_origin
 from highside.web.language import own_path
 from highside.web.navigation import Link
-from highside.web.plain import HEADERS, form_of, render, style
+from highside.web.plain import FORM_HEADERS, HEADERS, form_of, render, serve_plain
 from highside.web.signin.acts import Person
 from highside.web.signin.people import People
 from highside.web.signin.sessions import AGE_MAX_S, COOKIE
 from highside.web.words import _
 
-OPEN_PATHS = frozenset({"/sign-in", "/style.css", "/language"})
+OPEN_PATHS = frozenset({"/sign-in", "/style.css", "/forms.js", "/here", "/language"})
 """What is answered to whom nobody knows."""
 
 
@@ -57,7 +57,7 @@ class SignInPages:
         app.post("/sign-in")(self._sign_in)
         app.post("/sign-out")(self._sign_out)
         app.get("/acts")(self._acts)
-        app.get("/style.css")(style)
+        serve_plain(app)
 
     async def _form(self, request: Request) -> Response:
         return _page(after=own_path(request.query_params.get("next", "/")))
@@ -96,4 +96,4 @@ class SignInPages:
 
 def _page(status: int = 200, *, trouble: str | None = None, name: str = "", after: str = "/") -> Response:
     text = render("plain/sign_in.html", (), "", trouble=trouble, name=name, after=after)
-    return HTMLResponse(text, status, HEADERS)
+    return HTMLResponse(text, status, FORM_HEADERS)

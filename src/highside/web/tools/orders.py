@@ -16,17 +16,19 @@ from fastapi import FastAPI, Request, Response
 from fastapi.responses import HTMLResponse
 from pydantic import ValidationError
 
+from highside.config.mistakes import input_error
 from highside.config.users import Role
 from highside.errors import HighsideError, InputError, Refused
 from highside.service.messages import DriftCommand
 from highside.service.watch_messages import WatchCommand
 from highside.web.navigation import Link
-from highside.web.plain import HEADERS, form_of, render
+from highside.web.plain import FORM_HEADERS, form_of, render
 from highside.web.signin.acts import BEGINS, DONE, Acts
 from highside.web.tools.listener import Listener
 from highside.web.tools.state import Tools
 from highside.web.viewer import viewer
-from highside.web.words import _
+from highside.web.words import _, said
+from highside.words.errors import error_told
 
 ANSWER_WITHIN_S = 5.0
 """A service answers within milliseconds; one behind a satellite within two seconds."""
@@ -67,7 +69,7 @@ class OrderPages:
             trouble = await self._sent(tool, part, command)
             await asyncio.to_thread(self._acts.write, person, act, trouble or DONE, **facts)
         except HighsideError as error:
-            return self._page(tool, trouble=str(error), status=409)
+            return self._page(tool, trouble=error_told(error, "settings"), status=409)
         if trouble is not None:
             return self._page(tool, trouble=trouble, status=409)
         return self._page(tool, said=_("Done: %s.") % _(act))
@@ -91,7 +93,7 @@ class OrderPages:
         page = render(
             "plain/command.html", self._links, "/", tool=tool, trouble=trouble, said=said, may=status in (200, 409)
         )
-        return HTMLResponse(page, status, HEADERS)
+        return HTMLResponse(page, status, FORM_HEADERS)
 
 
 def _command(word: str, form: dict[str, str]) -> WatchCommand | DriftCommand:
@@ -99,15 +101,15 @@ def _command(word: str, form: dict[str, str]) -> WatchCommand | DriftCommand:
     made: dict[str, Any] = {"id": f"page-{secrets.token_hex(8)}", "command": word}
     if word != "align":
         return WatchCommand.model_validate(made)
-    for name, words in (("azimuth_deg", "the azimuth"), ("std_deg", "its standard deviation")):
+    for name in ("azimuth_deg", "std_deg"):
         given = form.get(name, "").strip().replace(",", ".")
         if given:
             try:
                 made[name] = float(given)
             except ValueError:
-                raise InputError(f"{words} is not a number: {given[:40]!r}") from None
+                what = said("is not a number: %(given)s", given=repr(given[:40]))
+                raise InputError(what, field=name, remedy=said("write it as 123.4")) from None
     try:
         return DriftCommand.model_validate(made)
     except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        raise InputError(f"{' '.join(map(str, first['loc']))} {first['msg']}".strip()) from None
+        raise input_error(error, "", {}, DriftCommand) from None

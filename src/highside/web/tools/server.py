@@ -31,7 +31,7 @@ from highside.web.diagnosis.routes import DiagnosisPages
 from highside.web.front import BODY_WITHIN_S
 from highside.web.host import PageHost, notice
 from highside.web.navigation import Link
-from highside.web.plain import style
+from highside.web.plain import serve_plain
 from highside.web.records.certificates import BODY_MAX as CERTIFICATE_BODY_MAX
 from highside.web.records.routes import RecordPages
 from highside.web.settings.routes import BODY_MAX as SETTINGS_BODY_MAX
@@ -112,7 +112,7 @@ class ToolsPage:
         app = self._host.app
         if self._links and self._host.people is None:
             # with people it is the style of their pages, too
-            app.get("/style.css")(style)
+            serve_plain(app)
         named = self._settings.web.certificate
         fields = None if named is None else load_certificate_fields(named)
         RecordPages(self._settings.records, self._links, self._host.people, fields).serve(app)
