@@ -259,7 +259,7 @@ def test_the_members_of_a_class_are_read() -> None:
         "law:scale_all_xyz_load_z": ("scale_all", {"load_z"}),
         "law:inclination_inc_load_x_x_load_y": ("inclination", {"load_x", "load_y"}),
         "law:offset_y_load_x_inc": ("offset", {"load", "inc"}),
-        "law:matrix_xz_temp_filtered_1200_x_time--2": ("matrix", {"temp_filtered_1200", "time"}),
+        "law:matrix_xz_temp_filtered_1200_x_time--2": ("matrix", {"temp_filtered", "time"}),
     }.items():
         assert judging.key_of_label(label) == (key[0], frozenset(key[1])), label
     assert judging.key_of_label("sag") is None
