@@ -21,6 +21,7 @@ from studies.open_world import (
     designs,
     judging,
     laws,
+    limit,
     noises,
     score,
     section_one,
@@ -363,3 +364,28 @@ def test_a_deck_is_answered_by_the_package_of_its_commit(study: str) -> None:
     """Not by one that the study has loaded before it could choose."""
     loads = f"import sys, studies.{study}; sys.exit('highside' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", loads], cwd=Path(__file__).parents[2], check=False).returncode == 0
+
+
+def test_the_gain_that_theory_expects_is_the_mean_of_the_evidence() -> None:
+    rng = np.random.default_rng(11)
+    others, mine, truth = rng.standard_normal((9, 2)), rng.standard_normal((9, 3)), 1.5 * rng.standard_normal(9)
+    null = np.eye(9) + others @ others.T
+    full = null + mine @ mine.T
+    # without the law the others are drawn, with it in force it is added
+    drawn = truth + rng.standard_normal((20_000, 9)) @ np.linalg.cholesky(null).T
+
+    def evidence(covariance: np.ndarray) -> np.ndarray:
+        fit = np.einsum("ki,ij,kj->k", drawn, np.linalg.inv(covariance), drawn)
+        return -0.5 * (fit + np.linalg.slogdet(covariance)[1])
+
+    apart = evidence(full) - evidence(null)
+    error = float(np.std(apart)) / np.sqrt(len(drawn))
+    assert abs(limit.gain(mine, truth, [others]) - float(np.mean(apart))) < 4 * error
+
+
+def test_what_theory_allows_of_a_case_lies_above_what_a_smooth_function_closes() -> None:
+    parts = limit.made("limit-test", "law/004", 4)
+    row = limit.limits(parts)
+    assert len(row["form"]["gains"]) == len(parts.case.laws)
+    assert row["smooth"]["closed"] - 0.05 < row["form"]["closed"] <= 1.0
+    assert 0.0 <= row["form"]["to_0.8"] <= 1.0
