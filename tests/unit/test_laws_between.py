@@ -85,3 +85,16 @@ def test_a_temperature_of_any_lag_is_known_and_not_listed() -> None:
     np.testing.assert_allclose(values["temp_filtered_613"], expected)
     with pytest.raises(KeyError):
         values["temp_filtered_"]
+
+
+def test_a_lag_that_the_session_does_not_show_is_not_told() -> None:
+    # one slow warm-up: a temperature that lags is a curve of the temperature
+    state = session(51, 60)
+    state = replace(state, temp_c=45 - 20 * np.exp(-np.asarray(state.t_s) / 2500.0))
+    added = np.zeros((3, state.n))
+    added[0] = 6e-4 * np.tanh((np.asarray(state.temp_c) - 38) / 4)
+    problem = problem_of(state, added, 52)
+    found = Search(problem, [g for g in groups_of(problem) if g.place == "offset" and len(g.axes) == 1]).run()
+    assert kinds(found) == [("offset", "x", ("temp",))]
+    (names,) = found.classes
+    assert "temp_rate" in {name for group in names for name in group.depends_on}

@@ -12,9 +12,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from highside.diagnosis.laws.evidence import LawTerm, Prior, Whitened
+from highside.arrays import Array
+from highside.diagnosis.laws.evidence import Families, LawTerm, Prior, Whitened
 from highside.diagnosis.laws.groups import LawGroup, axis_of, distinct_of, product_of, values_of
-from highside.diagnosis.laws.policy import LAW_GROUPS, LAW_LAGS
+from highside.diagnosis.laws.noise import Whitener
+from highside.diagnosis.laws.policy import LAW_GROUPS, LAW_LAGS, LAW_SEARCH
 from highside.diagnosis.laws.problem import CovariateValues, LawProblem
 from highside.physics.covariates import FILTERED, lag_of, lagging_name
 from highside.physics.law import Function
@@ -83,6 +85,29 @@ def best_between(
             break
         tried = _near(problem, best[0], step * LAW_LAGS.finer)
     return best
+
+
+def with_plain_temperature(
+    problem: LawProblem, whitener: Whitener, residual: Array, terms: Sequence[LawTerm]
+) -> list[LawTerm]:
+    """The terms, each that follows a temperature that lags, or its rate, as a law of the temperature itself where this
+    session does not show the difference: a lag is a further claim."""
+    made = list(terms)
+    for k, term in enumerate(terms):
+        at = next((i for i, axis in enumerate(term.group.axes) if _derived(axis.covariate)), None)
+        if term.group.effect or at is None or any(axis.covariate == "temp" for axis in term.group.axes):
+            continue
+        if (plain := _with_lag(problem, term.group, at, "temp")) is None:
+            continue
+        among = Whitened(Families(problem, [term.group, plain]), whitener, residual)
+        gains, priors = among.scores([one for i, one in enumerate(made) if i != k])
+        if np.isfinite(gains).all() and gains[1] > gains[0] - LAW_SEARCH.each:
+            made[k] = LawTerm(plain, priors[1])
+    return made
+
+
+def _derived(name: str) -> bool:
+    return lag_of(name) > 0 or name == "temp_rate"
 
 
 def _near(problem: LawProblem, group: LawGroup, step: float) -> list[LawGroup]:

@@ -11,7 +11,7 @@ import numpy as np
 
 from highside.arrays import Array
 from highside.diagnosis.core.regression import flattened
-from highside.diagnosis.laws.between import best_between, between_of
+from highside.diagnosis.laws.between import best_between, between_of, with_plain_temperature
 from highside.diagnosis.laws.classes import class_of
 from highside.diagnosis.laws.edges import several_edges
 from highside.diagnosis.laws.effects import EffectGroup
@@ -331,9 +331,10 @@ class Search:
         return [best if i == k else t for i, t in enumerate(terms)]
 
     def _without_time(self, state: _State) -> _State:
-        """The laws that follow the session's time as laws of something else, where that does as well."""
+        """The laws that follow the session's time as laws of something else, where that does as well; so with lags."""
         whitener = Whitener(self.problem, state.noise)
         terms = without_time(self.problem, whitener, state.residual, self.groups, state.terms)
+        terms = with_plain_temperature(self.problem, whitener, state.residual, terms)
         if _which(terms) == _which(state.terms):
             return state
         self.groups = [*self.groups, *(t.group for t in terms if t.group not in self.groups)]
