@@ -34,6 +34,9 @@ BYTES_PER_BATCH = 16384
 RAW_TICK_S = 0.02
 """raw bytes are cut into pieces of this length in time"""
 WAIT_S = 0.02
+EMPTY_LOOKS = 50
+"""Looks, 2 ms apart, that find nothing unread before all is taken for read. Source: with three the end of a replay was
+lost on a machine with five runnable processes on two processors, as the kernel moved it on later than that."""
 PENDING_LIMIT = 16384
 
 
@@ -222,6 +225,6 @@ async def _sent(wire: Wire, limit: int, clock: Clock) -> None:
     if limit == 0:
         # what does not fit the kernel's buffer follows a moment after the reader has made room: look more than once
         empty = 0
-        while empty < 3:
+        while empty < EMPTY_LOOKS:
             empty = 0 if wire.unread else empty + 1
             await clock.sleep(0.002)
