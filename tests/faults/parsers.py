@@ -453,7 +453,7 @@ SERVICE_CONFIG = (
     *(f"codec/{name}" for name in ("axes", "dbc", "delimited")),
     *("link/base", "link/serial", "link/replay", "calibration/rolling_bias"),
 )
-BENCH_CONFIG = (*CONFIG, *reached("config/bench", within=("config",)), "codec/axes", "link/base")
+BENCH_CONFIG = (*CONFIG, *reached("config/bench", within=("config",)), "codec/axes", "link/base", "link/serial")
 STORE = ("recording/calibration_store", "recording/files", "recording/locks")
 CORRECTING = reached("calibration/record", "calibration/correction", within=("calibration", "attitude"))
 CALIBRATION = (*CORRECTING, *STORE)
@@ -472,7 +472,7 @@ KEYS = ("recording/keys", "calibration/signature")
 IMPORT = ("importing", "codec/axes", *TABLES)
 CONTAINERS = (*IMPORT, *(f"reading/{name}" for name in PACKED))
 FLEET = ("fleet/catalogue", "reading/table")
-SESSION = ("bench/mqtt", "bench/session", "reading/messages")
+SESSION = ("bench/mqtt", "bench/session", "reading/messages", "reading/config_table")
 DRIFT = (
     "reading/messages",
     *(f"service/{name}" for name in ("saved_drift", "drift_keeper", "drift_stage", "commands")),
@@ -482,6 +482,7 @@ WATCH = (
     *(f"service/{name}" for name in ("saved_watch", "watch_keeper", "watch_stage", "watch_messages", "commands")),
     *("service/saved_drift", *CORRECTING),
 )
+WATCH_STATE = (*WATCH, "reading/config_table")
 DRIFT_COMMAND = (*DRIFT, "gyro", "attitude/quaternion", "config/drift", "service/messages")
 CERTIFICATE_CONFIG = (*CONFIG, *reached("config/certificate", within=("config",)))
 MODEL_CONFIG = (*CONFIG, *reached("config/model", within=("config",)), "physics")
@@ -528,13 +529,13 @@ def all_parsers(bench: Bench) -> Sequence[Parser]:
             (seeds.drift_state(),),
             DRIFT,
         ),
-        Parser("watch state", of(seeds.watch_state()), bench.watch_state, (seeds.watch_state(),), WATCH),
+        Parser("watch state", of(seeds.watch_state()), bench.watch_state, (seeds.watch_state(),), WATCH_STATE),
         Parser(
             "watch state, by structure",
             of_document(json.loads(seeds.watch_state()), lambda d: json.dumps(d).encode()),
             bench.watch_state,
             (seeds.watch_state(),),
-            WATCH,
+            WATCH_STATE,
         ),
         Parser(
             "toolface log", of(seeds.toolface_log()), bench.toolface, (seeds.toolface_log(),), ("service/rig/toolface",)

@@ -28,7 +28,7 @@ from highside.physics.plan import RotationPlan, Session, Site
 from highside.report.diagnosis_figures import over_time, residuals
 from highside.report.diagnosis_page import _places, page_of
 from highside.report.diagnosis_words import axis_name, proof, rounded, shown, sizes, verdict_words
-from highside.report.misfit_waterfall import steps_of
+from highside.report.misfit_steps import steps_of
 from highside.report.plots import plotting
 
 

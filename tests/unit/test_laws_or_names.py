@@ -53,7 +53,7 @@ def test_a_law_that_fits_as_well_as_a_name_is_in_its_class(number: int, capsys: 
     assert one.truth & set(claim.equivalence_class)
     # and whoever reads one sentence knows that it is a tie, with what, and what would end it
     assert all_effects()[claim.effect].splitter in claim.next_manoeuvre
-    _show(found.found)
+    _show(found)
     first, _, tie, *_ = capsys.readouterr().out.splitlines()
     assert ", or what cannot be told from it here (" in first
     assert tie == f"  {confounded(claim)}"

@@ -114,7 +114,7 @@ def test_a_law_that_leaves_the_larger_part_to_a_motion_is_withdrawn(share: float
     sigma = study.SIGMA[:, 0]
     noise = SimpleNamespace(sigma=sigma, white=lambda rows: rows / sigma[:, None])
     problem: Any = SimpleNamespace(session=session, noise=noise)
-    claim: Any = SimpleNamespace(effect="law:one")
+    claim: Any = SimpleNamespace(effect="law:one", depends_on=("time",))
     law = _ChannelLaw(0, claim, claim, shaken * (1.0 - np.sqrt(1.0 - share)))
     laws, motion = _without_motion(problem, left, [law])
     assert (laws == [law]) is told and (motion is None) is told

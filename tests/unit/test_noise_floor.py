@@ -122,8 +122,8 @@ def test_few_poses_without_a_mismatch_are_explained(seed: int) -> None:
 def test_errors_of_the_set_angles_are_identified_as_noise() -> None:
     """They act across gravity and leave its magnitude alone."""
     rng = np.random.default_rng(5)
-    inc = np.tile(np.arange(15.0, 166.0, 25.0), 8)
-    tf = np.repeat(np.arange(0.0, 360.0, 45.0), 7) + 3.0
+    inc = np.tile(np.arange(15.0, 166.0, 25.0), 12)
+    tf = np.repeat(np.arange(0.0, 360.0, 30.0), 7) + 3.0
     off = rng.normal(0.0, 0.03, (2, inc.size))
     mean = np.asarray(gravity_direction(np.radians(inc + off[0]), np.radians(tf + off[1])), dtype=float)
     columns = recorded(inc, tf, mean, rng)

@@ -239,7 +239,7 @@ def _show(made: Diagnosis) -> None:
     """The diagnosis in lines: verdict, claims, causes, what to look at."""
     from highside.report.diagnosis_claims import claim_size, confounded, first_sentence, others_of
     from highside.report.diagnosis_words import blame, tested, verdict_words
-    from highside.report.misfit_waterfall import shares_of
+    from highside.report.misfit_steps import shares_of
     from highside.words import _, told
 
     diagnosis = made.found

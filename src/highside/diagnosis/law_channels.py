@@ -127,11 +127,16 @@ def _without_motion(
     count = float(np.count_nonzero(_kept(problem)))
     before, rest = (np.maximum(_energy(problem, values) - count, 0.0) for values in (left, after))
     small = rest > MOTION.larger_part * before
-    staying = [one for one in told if not small[one.channel]]
-    if len(staying) == len(told):
+    # a curve of time follows some of a motion; what follows the prediction is nothing that the prediction lacks
+    given = set(problem.session.names)
+    stays = [not small[one.channel] or bool(given & set(one.claim.depends_on)) for one in told]
+    if all(stays):
         # what a law of the larger part leaves may be what its curve lacks
         return told, None
-    after[small] = left[small]
+    for one, kept in zip(told, stays, strict=True):
+        if not kept:
+            after[one.channel] += one.part
+    staying = [one for one, kept in zip(told, stays, strict=True) if kept]
     return staying, missing_motion(problem.session, after, white_of(problem, after))
 
 

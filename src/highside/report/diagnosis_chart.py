@@ -7,7 +7,8 @@ import numpy as np
 from highside.diagnosis.core.problem import ReportData
 from highside.diagnosis.table.chain import CELLS
 from highside.diagnosis.table.engine import SummaryReportData
-from highside.report.diagnosis_figures import AFTER, BEFORE, CELL_TITLES, FEW, unit_of
+from highside.report.diagnosis_figures import AFTER, BEFORE, CELL_TITLES, FEW
+from highside.report.misfit_steps import unit_of
 from highside.shown.panel import Look, PlotLine, PlotPanel
 from highside.shown.plot import Plot
 from highside.words import _

@@ -19,6 +19,7 @@ from highside.physics.covariates import covariate as covariate_of
 from highside.physics.gravity import gravity_direction
 from highside.physics.law import Law
 from highside.report.diagnosis_words import axis_title, scale_of
+from highside.report.misfit_steps import sigma_of, unit_of
 from highside.report.plots import logarithmic, new_figure
 from highside.words import _, said_later, told
 
@@ -80,22 +81,6 @@ def residuals(report_data: ReportData, location: Location, effect: str | None = 
         left_over = _("residual")
         axis.set(ylabel=f"{left_over}, {unit}".rstrip(", "), title=name)
     return figures
-
-
-def unit_of(report_data: ReportData, channel: int) -> tuple[float, str]:
-    """Factor and unit in which a channel is drawn."""
-    name = report_data.channels[channel]
-    if report_data.units:
-        return 1.0, report_data.units[channel]
-    if name in ("gx", "gy", "gz"):
-        return float(np.degrees(1)), "deg/s"
-    return (1e6, "ug") if name in ("ax", "ay", "az", "g_total") else (1.0, "")
-
-
-def sigma_of(report_data: ReportData, channel: int) -> float:
-    """The noise of one row of a channel; where none is known, the rms of what is left."""
-    known = report_data.sigma[channel] if channel < len(report_data.sigma) else 0.0
-    return known or float(np.sqrt(np.mean(report_data.after[channel] ** 2))) or 1.0
 
 
 def over_time(report_data: ReportData) -> Figure:

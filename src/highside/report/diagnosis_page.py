@@ -42,7 +42,8 @@ from highside.report.diagnosis_words import (
     within_sentence,
 )
 from highside.report.document import Page
-from highside.report.misfit_waterfall import ALL_FOUND, Steps, shares_of_misfit, steps_of, waterfall
+from highside.report.misfit_steps import ALL_FOUND, Steps, shares_of_misfit, steps_of
+from highside.report.misfit_waterfall import waterfall
 from highside.report.plots import can_plot, plotting
 from highside.shown.screen import can_draw
 from highside.words import _, said_later
