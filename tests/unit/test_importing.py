@@ -5,6 +5,7 @@ from __future__ import annotations
 import gzip
 import io
 import json
+import re
 import shlex
 import subprocess
 import sys
@@ -21,9 +22,12 @@ import highside
 from highside.errors import InputError
 from highside.importing.core.instants import instants
 from highside.importing.core.proposal import Sure
-from highside.importing.core.units import STANDARD_GRAVITY, Quantity, unit_wanted
+from highside.importing.core.source import SourceColumn
+from highside.importing.core.timing import read_time
+from highside.importing.core.units import STANDARD_GRAVITY, Quantity, unit_named, unit_wanted
 from highside.importing.core.wishes import Wishes
 from highside.importing.files import open_foreign, recording_of
+from highside.importing.forms.delimited import _column
 from highside.recording.export import export
 from highside.recording.export_format import ExportFormat
 from highside.recording.table import Recording
@@ -355,6 +359,32 @@ def test_a_date_that_may_be_two_stays_open() -> None:
     assert found.doubt is not None
     assert instants(("2026-13-01T00:00:00",)) is None
     assert instants(("2026-01-01T25:00:00",)) is None
+
+
+def test_times_further_apart_than_is_read_stay_open_and_never_wrap() -> None:
+    """Of nanoseconds in 64 bits a difference may be none: year 9999 was read as some other, and an end was overrun."""
+    late = instants(("2026-01-01T00:00:00Z", "9999-01-01T00:00:00Z"))
+    assert late is not None and late.ns[1] > late.ns[0]
+    ends = np.array([-9_000_000_000_000_000_000, 9_000_000_000_000_000_000])
+    reading = read_time(SourceColumn("t", numbers=ends.astype(float), integers=ends), unit_named("ns", Quantity.TIME))
+    assert reading is not None and reading.open is not None and "146 years" in reading.open
+    assert np.diff(reading.ns) > 0
+
+
+@pytest.mark.parametrize("cells", [("0.01", "", "0.02"), ("0.006.2e16", "0.01"), ("1", "1.", ".5", "+1e-3", "-2E+2")])
+def test_a_column_of_numbers_is_what_each_cell_is(cells: tuple[str, ...]) -> None:
+    """On Python before 3.11.5, too: there one look at the whole column said yes to what is none."""
+    found = _column("x", cells, False, 2, "a.csv")
+    if "0.006.2e16" in cells:
+        assert found.texts == cells
+    else:
+        np.testing.assert_array_equal(found.numbers, [float(cell or "nan") for cell in cells])
+
+
+def test_no_regular_expression_repeats_a_group_without_a_way_back() -> None:
+    """`(...)*+` matches what it should not in Python before 3.11.5."""
+    places = Path(highside.__file__).parent.rglob("*.py")
+    assert [path.name for path in places if re.search(r"\)(?:[*+?]|\{[\d,]+\})\+|\(\?>", path.read_text())] == []
 
 
 # --- other forms -----------------------------------------------------------------------------------------------------

@@ -13,7 +13,8 @@ from typer.testing import CliRunner
 import highside
 from highside.cli.main import app
 from highside.errors import InputError
-from highside.watch.iscwsa import IscwsaTerm, accelerometer_terms
+from highside.watch.iscwsa import IscwsaTerm, accelerometer_terms, covariance_of_watch
+from highside.watch.parameters import NAMES
 from studies.survey_analysis import calibration
 
 G = 9.80665
@@ -140,6 +141,14 @@ def test_a_tool_model_gets_our_terms_and_keeps_the_others(tool: highside.Calibra
     (tmp_path / "base.json").write_text("[]")
     with pytest.raises(InputError, match="no tool model"):
         made.save(tmp_path / "out.json", into=tmp_path / "base.json")
+
+
+@pytest.mark.parametrize("one", [{"value": 1e308}, {"value": True}, {"std": -1e-5}, {"std": 1e308}, {"value": 10**400}])
+def test_a_watch_with_numbers_that_cannot_be_is_refused(one: dict[str, float]) -> None:
+    sound = {name: {"value": 1e-4, "std": 1e-5} for name in NAMES}
+    assert covariance_of_watch(sound, "watch.json").shape == (12, 12)
+    with pytest.raises(InputError, match="S_xy cannot be"):
+        covariance_of_watch(sound | {"S_xy": sound["S_xy"] | one}, "watch.json")
 
 
 def test_the_command_prints_the_terms_and_writes_the_file(tool: highside.Calibration, tmp_path: Path) -> None:

@@ -28,7 +28,7 @@ from highside.codec.frame import FRAME_COLUMNS, NAN, Counts, Frame
 from highside.codec.registry import CodecTable, only_measured
 from highside.reading.config_table import ConfigTable
 
-_NUMBER = re.compile(r"\s*[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,3})?\s*")
+_NUMBER = re.compile(r"\s*[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d{1,3})?\s*")
 
 
 class ColumnConfig(ConfigTable):

@@ -37,7 +37,7 @@ SILENT_BAUDS = 2
 """a line that gave no byte at so many rates is silent at all: a wrong rate gives wrong bytes, not none"""
 
 _NMEA = re.compile(rb"[$!]([\x20-\x29\x2b-\x7e]{4,120})\*([0-9A-Fa-f]{2})")
-_CELL = re.compile(rb"\s*[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?\s*")
+_CELL = re.compile(rb"\s*[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?\s*")
 
 
 @dataclass(frozen=True, slots=True)

@@ -26,9 +26,9 @@ MAX_MULTIPLEXER_VALUES = 1 << 16
 """Values of a multiplexer: one of 16 bits has as many."""
 
 # as the parser sees them: comments and texts give way, blanks and line ends may stand anywhere
-_PASSED_OVER = re.compile(r"//.*?\n|\"(?:\\\"|[^\"])*?\"")
+_PASSED_OVER = re.compile(r"//.*?(?:\n|\Z)|\"(?:\\\"|[^\"])*?\"")
 _NUMBER = re.compile(r"\d[\d.]*(?:[eE][+-]?\d+)?")
-_SIZE = re.compile(r"\bBO_\s+\d+\s+\w+\s*:\s*(?P<bytes>-?\d+)|(?P<start>-?\d+)\s*\|\s*(?P<bits>-?\d+)\s*@")
+_SIZE = re.compile(r"\bBO_\s+\d+\s+\w+\s*:\s*(?P<bytes>-?\d+)|(?<!\d)(?P<start>-?\d+)\s*\|\s*(?P<bits>-?\d+)\s*@")
 _MULTIPLEXED = re.compile(r"\bSG_MUL_VAL_\s*(?=[-+\d])([^;]*)")
 _RANGES = re.compile(r"\d+\s+\w+\s+\w+\s+(?P<ranges>\d+\s*-\s*\d+(?:\s*,\s*\d+\s*-\s*\d+)*)\s*")
 _RANGE = re.compile(r"(\d+)\s*-\s*(\d+)")

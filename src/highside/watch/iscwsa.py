@@ -29,6 +29,9 @@ from highside.watch.present import gradients
 
 __all__ = ["IscwsaTerm", "IscwsaTerms", "accelerometer_terms", "covariance_of_watch", "in_use"]
 
+MOST = 10.0
+"""g, or share: no accelerometer departs by more, and a watch holds its own state to that"""
+
 
 @dataclass(frozen=True, slots=True)
 class IscwsaTerm:
@@ -96,6 +99,13 @@ def covariance_of_watch(parameters: Mapping[str, Mapping[str, float]], where: st
         if one is None or not all(isinstance(one.get(key), int | float) for key in ("value", "std")):
             raise InputError(
                 f"has no value and std of {name}", where=where, field="parameters", remedy="give watch.json as written"
+            )
+        if any(isinstance(one[key], bool) or not abs(one[key]) <= MOST for key in ("value", "std")) or one["std"] < 0:
+            raise InputError(
+                f"value and std of {name} cannot be",
+                where=where,
+                field="parameters",
+                remedy="give watch.json as written",
             )
         out.append(float(one["value"]) ** 2 + float(one["std"]) ** 2)
     return np.diag(out)

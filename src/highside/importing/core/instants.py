@@ -20,7 +20,6 @@ _HALF = r"(?:\s*(?P<half>[AaPp][Mm]))?"
 _ISO = re.compile(rf"(?P<a>\d{{4}})[-/](?P<b>\d{{1,2}})[-/](?P<c>\d{{1,2}})[T ]\s*{_CLOCK}{_ZONE}")
 _PLAIN = r"(?:19|20)\d\d-\d\d-\d\d[T ]\d\d:\d\d:\d\d(?:\.\d{1,9})?"
 _PLAIN_ISO = re.compile(rf"{_PLAIN}(?P<end>Z|\+00:00|)")
-_ALL_PLAIN_ISO = re.compile(rf"{_PLAIN}(?:Z|\+00:00|)(?:\n{_PLAIN}(?:Z|\+00:00|))*+")
 _LOCAL = re.compile(
     rf"(?P<a>\d{{1,2}})(?P<mark>[./-])(?P<b>\d{{1,2}})[./-](?P<c>\d{{4}})[T ,]\s*{_CLOCK}{_HALF}{_ZONE}"
 )
@@ -68,8 +67,7 @@ def _iso_at_once(cells: tuple[str, ...]) -> Instants | None:
     if found is None:
         return None
     end = len(found["end"])
-    joined = "\n".join(cells)
-    if not _ALL_PLAIN_ISO.fullmatch(joined) or (found["end"] and joined.count(found["end"]) != len(cells)):
+    if not all(map(_PLAIN_ISO.fullmatch, cells)) or (end and "\n".join(cells).count(found["end"]) != len(cells)):
         return None
     try:
         ns = np.array([cell[: len(cell) - end] for cell in cells] if end else cells, dtype="datetime64[ns]")
@@ -101,7 +99,7 @@ def _counted(found: list[re.Match[str]], written: str, order: str | None) -> Ins
             else map(int, (date[2], date[1 if day_first else 0], date[0 if day_first else 1]))
         )
         try:
-            days[date] = datetime.date(year, month, day).toordinal() - _EPOCH
+            days[date] = min(max(datetime.date(year, month, day).toordinal() - _EPOCH, -_DAYS), _DAYS)
         except ValueError:
             return None
     day_ns = np.array([days[date] - 1 for date in dates], dtype=np.int64) * DAY_NS
@@ -109,6 +107,8 @@ def _counted(found: list[re.Match[str]], written: str, order: str | None) -> Ins
 
 
 _EPOCH = datetime.date(1970, 1, 1).toordinal()
+_DAYS = 100_000
+"""from 1970: nanoseconds of more days are no whole number of 64 bits"""
 
 
 def _of_day(match: re.Match[str]) -> int:

@@ -7,6 +7,7 @@ import datetime
 import re
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,8 @@ from highside.importing.core.units import WRITTEN_DATES, Quantity, Unit, unit_na
 Nanoseconds = NDArray[np.int64]
 _WRAPS = (16, 24, 31, 32)
 """bits of counters of devices"""
+_LONGEST_NS = (1 << 62) - 1
+"""from zero: the difference of any two such times is a whole number of 64 bits, too"""
 _RELATIVE = ("s", "ms", "us", "ns")
 _WITH_UNIT = re.compile(r"([-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?) ?([a-z]+)")
 """a duration as MATLAB writes it: `0.02 sec`"""
@@ -55,6 +58,9 @@ def read_time(
     None where it cannot be one.
     """
     reading = _read(column, unit, policy, rate_hz)
+    if reading is not None and ((reading.ns > _LONGEST_NS) | (reading.ns < -_LONGEST_NS)).any():
+        within = np.clip(reading.ns, -_LONGEST_NS, _LONGEST_NS)
+        return replace(reading, ns=within, open="it reaches beyond 146 years, further than times are read")
     if reading is None or reading.open is not None or reading.ns.size <= policy.same_rows:
         return reading
     same = int(np.count_nonzero(np.diff(reading.ns) == 0))
@@ -211,7 +217,7 @@ def _unwrapped(column: SourceColumn, unit: Unit) -> tuple[Nanoseconds, tuple[str
         assert column.numbers is not None
         scaled = (column.numbers - unit.zero) * unit.factor
         # a float holds whole and fraction: apart, so that no digit of a long time is lost
-        return np.rint(np.clip(scaled, -9.2e18, 9.2e18)).astype(np.int64), ()
+        return _whole(scaled), ()
     ticks = column.integers
     notes: tuple[str, ...] = ()
     steps = np.diff(ticks)
@@ -229,7 +235,12 @@ def _unwrapped(column: SourceColumn, unit: Unit) -> tuple[Nanoseconds, tuple[str
     factor = unit.factor
     if factor >= 1 and float(factor).is_integer() and np.abs(ticks).max(initial=0) < (1 << 62) / factor:
         return (ticks - round(unit.zero)) * int(factor), notes
-    return np.rint((ticks - unit.zero) * factor).astype(np.int64), notes
+    return _whole((ticks - unit.zero) * factor), notes
+
+
+def _whole(ns: NDArray[np.floating[Any]]) -> Nanoseconds:
+    whole: Nanoseconds = np.rint(np.clip(ns, -9.2e18, 9.2e18)).astype(np.int64)
+    return whole
 
 
 def _date(ns: int) -> str:

@@ -8,7 +8,9 @@ from dataclasses import dataclass
 
 from highside.importing.core.units import SUFFIXES, Quantity, Unit, unit_named
 
-_IN_BRACKETS = re.compile(r"\s*[\[(<{]\s*([^\])>}]*?)\s*[\])>}]\s*")
+_LONGEST_NAME = 255
+"""characters: a longer one is no name that says anything"""
+_IN_BRACKETS = re.compile(r"[\[(<{]([^\])>}]*)[\])>}]")
 _WORDS = re.compile(r"[A-Z]+(?=[A-Z][a-z])|[A-Z]?[a-z]+|[A-Z]+|\d+")
 
 
@@ -63,7 +65,9 @@ def meaning(name: str, own_unit: str | None, known: frozenset[str], *, reference
     """
     if name in known:
         return _own(name, own_unit)
-    brackets = _IN_BRACKETS.findall(name)
+    if len(name) > _LONGEST_NAME:
+        return Meaning(None, None, name, None)
+    brackets = [text.strip() for text in _IN_BRACKETS.findall(name)]
     bare = _IN_BRACKETS.sub(" ", name).strip().removeprefix(_OF_ROSTOPIC)
     chunks = re.split(r"[\s_.]+", bare)
     if len(chunks) > 2 and "_".join(chunks[-2:]).lower() in _NAMED_WITH_BLANKS:

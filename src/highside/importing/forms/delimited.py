@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from highside.errors import InputError
-from highside.importing.core.source import SourceColumn, SourceTable
+from highside.importing.core.source import Numbers, SourceColumn, SourceTable
 from highside.importing.core.units import unit_named
 from highside.importing.forms.wrappings import in_plain_lines
 from highside.reading import csv_rows, decode_foreign
@@ -25,9 +25,10 @@ _LOOKED_AT = 200
 """lines by which the dialect is judged"""
 _DELIMITERS = (";", "\t", "|", ",")
 _NAMES = {";": "semicolons", "\t": "tabs", "|": "bars", ",": "commas", " ": "blanks"}
-_POINT = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
-_PLAIN = re.compile(rf"{_POINT.pattern}(?:\n{_POINT.pattern})*+")
-_COMMA = re.compile(r"[+-]?(?:\d+,?\d*|,\d+)(?:[eE][+-]?\d+)?")
+_POINT = re.compile(r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?")
+_PLAIN = re.compile(r"[0-9+\-.eE]*")
+"""all that a plain number is written with; what `float` takes of it is what `_POINT` matches"""
+_COMMA = re.compile(r"[+-]?(?:\d+(?:,\d*)?|,\d+)(?:[eE][+-]?\d+)?")
 _THOUSANDS = re.compile(r"[+-]?\d{1,3},\d{3}")
 _GROUPED = re.compile(r"[+-]?\d{1,3}(?:[.,' ]\d{3})+[.,]\d+|[+-]?\d{1,3}(?:[.,' ]\d{3}){2,}")
 _MISSING = frozenset({"", "nan", "na", "n/a", "null", "none", "-", "nat", "#n/a", "<na>"})
@@ -35,7 +36,7 @@ _MISSING_CASES = tuple(
     sorted({form for word in _MISSING for form in (word, word.upper(), word.title())} | {"NaN", "NaT"})
 )
 _BLANKS = re.compile(rb"[ \t]+")
-_EDGES = re.compile(rb"(?m)^[ \t]+|[ \t]+$")
+_EDGES = re.compile(rb"(?m)^[ \t]+|(?<![ \t])[ \t]+$")
 _WHOLE = re.compile(r"[+-]?\d{1,18}")
 _RATE = re.compile(r"^\W*(?:fs|rate|sample\s*rate|sampling\s*(?:rate|frequency))\b[^0-9]*([0-9.]+)", re.IGNORECASE)
 _RATE_WITHIN = re.compile(r"\bat ([0-9.]+) Hz\b")
@@ -368,13 +369,22 @@ def _decimal_comma(cells: Sequence[Sequence[str]], dialect: _Dialect, where: str
     return comma
 
 
+def _plain_numbers(cells: Sequence[str]) -> Numbers | None:
+    """None where a cell is empty or no number. No regular expression of the whole column: those of Python before
+    3.11.5 go wrong at a group that is repeated without a way back."""
+    try:
+        return np.array(list(map(float, cells)))
+    except ValueError:
+        return None
+
+
 def _column(name: str, cells: Sequence[str], comma: bool, first_line: int, where: str) -> SourceColumn:
     pattern = _COMMA if comma else _POINT
     stripped = [cell.strip() for cell in cells]
     # a column of plain numbers at once: one look at all of its cells instead of one at each
-    if not comma and _PLAIN.fullmatch("\n".join(stripped)):
-        at_once = np.array(list(map(float, stripped)))
-        if np.isfinite(at_once).all():
+    if stripped and not comma and _PLAIN.fullmatch("".join(stripped)):
+        at_once = _plain_numbers(stripped)
+        if at_once is not None and np.isfinite(at_once).all():
             every = all(map(_WHOLE.fullmatch, stripped))
             exact = np.array(list(map(int, stripped)), dtype=np.int64) if every else None
             return SourceColumn(name, numbers=at_once, integers=exact)
