@@ -12,6 +12,7 @@ import gc
 import os
 import signal
 import socket
+import socketserver
 import sys
 import time
 from collections.abc import AsyncIterator, Callable, Iterator
@@ -25,7 +26,7 @@ from daemon import Pty, is_held
 
 from highside.codec.tool import encode
 from highside.config.settings import load
-from highside.link import opened
+from highside.link import base, opened
 from highside.service import (
     app,
     drift_keeper,
@@ -55,6 +56,7 @@ def codes() -> set[CodeType]:
         watch_keeper.WatchKeeper._stage,
         app.Service.take, leaving.Leaving.successor, leaving.Leaving.all_gone, pipeline.Pipeline.successor,
         pipeline.Pipeline.correction.fset, pipeline.Pipeline.rotation.fset, rig.Rig.build, rig.Rig.open_metrics,
+        base.LinkSupervisor.apply,
         drift_keeper.DriftKeeper.build, drift_keeper._stage, places.ToolLock.__init__, publisher.Publisher.__init__,
         in_force.calibration_for, in_force.rotation_for, in_force._calibration, in_force._record_of,
         in_force.compensation_of,
@@ -70,6 +72,13 @@ def collected_quickly() -> Iterator[None]:
     gc.freeze()
     yield
     gc.unfreeze()
+
+
+@pytest.fixture(autouse=True)
+def listeners_end_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The standard library's servers look every 0.5 s whether they are to end, and a reload may wait for one."""
+    serve = socketserver.BaseServer.serve_forever
+    monkeypatch.setattr(socketserver.BaseServer, "serve_forever", lambda server: serve(server, 0.01))
 
 
 class InjectedError(RuntimeError):
@@ -191,9 +200,11 @@ def listening(host: str, port: int) -> bool:
     return False
 
 
-def toml(folder: Path, port: str, *, baud: int = 115200, mqtt: str = "", extra: str = "") -> str:
+def toml(folder: Path, port: str, *, baud: int = 115200, stale_s: float = 60, mqtt: str = "", extra: str = "") -> str:
+    """A service whose link is not opened anew by itself, however slow the machine is."""
     return (
-        f'[tool]\nid = "t1"\n[link]\nkind = "serial"\nport = "{port}"\nbaud = {baud}\n[codec]\nname = "tool"\n'
+        f'[tool]\nid = "t1"\n[link]\nkind = "serial"\nport = "{port}"\nbaud = {baud}\nstale_after_s = {stale_s}\n'
+        f'reopen_after_s = 600\n[codec]\nname = "tool"\n'
         f'[service]\nstate_dir = "{folder / "state"}"\nhealth_interval_s = 0.2\n'
         f"[mqtt]\nport = {UNUSED}\n{mqtt}\n{extra}"
     )
@@ -209,20 +220,26 @@ async def inline(function: Callable[..., Any], *arguments: Any) -> Any:
 
 
 @pytest.mark.timeout(600)
-@pytest.mark.parametrize("kind", ["beside", "in its place"])
+@pytest.mark.parametrize("kind", ["beside", "in its place", "limits alone"])
 async def test_a_fault_at_any_line_of_a_reload_changes_nothing(tmp_path, monkeypatch, kind):
     monkeypatch.setattr(reload.asyncio, "to_thread", inline)
+    # what must not be listened at stands at addresses that no other test uses
     figures, new_figures, wits = free_port(), free_port(), free_port()
     everything = (
         "[pipeline]\noutput_rate_hz = 50\n[monitor]\nrange_g = 5\n[survey]\nstill_s = 3\n[rolling_bias]\napply = true\n"
         "[recorder]\nenabled = false\n[vibration]\ncorner_hz = 2.0\n[site]\nlatitude_deg = 50.0\n[drift]\n"
-        f'azimuth_deg = 10.0\n[[wits]]\nkind = "tcp_server"\nport = {wits}\n[home_assistant]\n'
+        f'azimuth_deg = 10.0\n[[wits]]\nkind = "tcp_server"\nhost = "127.0.0.3"\nport = {wits}\n[home_assistant]\n'
     )
     bench = Rig(tmp_path, monkeypatch)
     old = toml(tmp_path, bench.line.path, extra=f"[metrics]\nport = {figures}\n")
     if kind == "beside":
         line = bench.other
-        new = toml(tmp_path, line.path, mqtt='prefix = "drill"', extra=f"{everything}[metrics]\nport = {new_figures}\n")
+        more = f'{everything}[metrics]\nport = {new_figures}\nhost = "127.0.0.4"\n'
+        new = toml(tmp_path, line.path, mqtt='prefix = "drill"', extra=more)
+    elif kind == "limits alone":
+        # the port stays open
+        line = bench.line
+        new = toml(tmp_path, line.path, stale_s=61, extra=f"[metrics]\nport = {figures}\n")
     else:
         # the same port with another baud rate, the same listening port on another address
         line = bench.line
@@ -234,6 +251,7 @@ async def test_a_fault_at_any_line_of_a_reload_changes_nothing(tmp_path, monkeyp
         tasks = len(asyncio.all_tasks())
         with Tracer() as tracer:
             bench.path.write_text(new)
+            wanted = load(bench.path)
             await bench.sighup()
         assert service.reloader.refused is None
         await bench.frames_flow(line)
@@ -243,7 +261,9 @@ async def test_a_fault_at_any_line_of_a_reload_changes_nothing(tmp_path, monkeyp
         lines = list(tracer.lines)
         names = {name for name, _ in lines}
         assert {"Reload._read", "Reload._build", "Reload._swap", "Service.take"} <= names
-        assert len(lines) > 80
+        assert ("LinkSupervisor.apply" in names) is (kind == "limits alone")
+        opens = service.parts.supervisor.stats.opens
+        assert len(lines) > (80 if kind != "limits alone" else 50)
         refused = 0
         for target in lines:
             before = service.parts
@@ -256,7 +276,7 @@ async def test_a_fault_at_any_line_of_a_reload_changes_nothing(tmp_path, monkeyp
             assert [text.split("\n")[0] for text in answered] == ["RELOADING=1", "READY=1"], target
             if service.reloader.refused is None:
                 # a line of reading the calibration or after the swap: the new configuration is in force, whole
-                assert service.settings.pipeline.output_rate_hz == 50, target
+                assert service.settings == wanted, target
                 bench.path.write_text(old)
                 await bench.sighup()
             else:
@@ -270,18 +290,22 @@ async def test_a_fault_at_any_line_of_a_reload_changes_nothing(tmp_path, monkeyp
                 gc.collect()
                 if kind == "beside":
                     assert not is_held(bench.other.path), target
-                    assert not listening("127.0.0.1", new_figures), target
+                    assert not listening("127.0.0.4", new_figures), target
                     places.ToolLock("t1", load(bench.path).mqtt).release()
                 assert not listening("127.0.0.2", figures), target
-                assert not listening("127.0.0.1", wits), target
+                assert not listening("127.0.0.3", wits), target
+            if kind == "limits alone":
+                assert (service.parts.link_task, service.parts.supervisor) == (before.link_task, before.supervisor)
+                assert service.parts.supervisor._settings.stale_after_s == 60, target
+                assert service.parts.supervisor.stats.opens == opens, target
             assert listening("127.0.0.1", figures), target
             await bench.frames_flow(bench.line)
         print(f"{len(lines)} lines, refused at {refused}")
-        assert refused > 60
+        assert refused > (60 if kind != "limits alone" else 40)
         # and the same file, without a fault, takes effect
         bench.path.write_text(new)
         await bench.sighup()
-        assert service.settings.pipeline.output_rate_hz == 50
+        assert service.settings == wanted
         await bench.frames_flow(line)
 
 
