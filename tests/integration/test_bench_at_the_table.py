@@ -257,8 +257,9 @@ async def test_without_3d_everything_else_works(tmp_path: Path) -> None:
         await browser.close()
 
 
-async def send_photograph(page: Page, bench: BenchProcess) -> None:
-    """One of a phone, beside what is none, and what nobody may send."""
+async def send_photograph(page: Page, bench: BenchProcess, folder: Path) -> None:
+    """One of a phone, beside what is none, what is too large, and what nobody may send."""
+    large = folder / "large.jpg"
     await page.click("[data-role=photograph]")
     # the dialog fades in by a transition that begins a frame late
     await page.wait_for_timeout(600)
@@ -271,6 +272,16 @@ async def send_photograph(page: Page, bench: BenchProcess) -> None:
     )
     await send.click()
     await expect(answer).to_contain_text("Not kept: that is no photograph that can be read")
+    await page.get_by_label("Photograph (JPEG").set_input_files(
+        {"name": "clamp.jpg", "mimeType": "image/jpeg", "buffer": a_photograph()}
+    )
+    # 50 MB, which a browser cannot read as a picture, and then one which it can
+    for content, said in ((b"\xff\xd8", "this browser cannot make it smaller"), (a_photograph(), "is kept with")):
+        large.write_bytes(content + b"\0" * 50_000_000)
+        await page.get_by_label("Photograph (JPEG").set_input_files(large)
+        await send.click()
+        await expect(answer).to_contain_text(said)
+    large.unlink()
     await page.get_by_label("Photograph (JPEG").set_input_files(
         {"name": "clamp.jpg", "mimeType": "image/jpeg", "buffer": a_photograph()}
     )
@@ -293,7 +304,7 @@ async def test_notes_and_photographs_are_kept_with_the_journal_and_stand_in_the_
     said = "Clamp 2 slipped <b>once</b>; set again."
     async with bench_process(tmp_path, plan=SIX, speed=10.0) as bench, chromium() as browser:
         page = await a_page(browser, bench)
-        await send_photograph(page, bench)
+        await send_photograph(page, bench, tmp_path)
         await page.click("[data-command=start]")
         await page.click("[data-role=note]")
         field = page.get_by_label("Note for the journal and the report")
@@ -320,13 +331,14 @@ async def test_notes_and_photographs_are_kept_with_the_journal_and_stand_in_the_
         await badge(page, "accepted").wait_for()
         await page.goto(f"{bench.address}report", timeout=120_000)
         assert "slipped &lt;b&gt;once&lt;/b&gt;; set again." in await page.content()
-        picture = page.locator("figure.photograph img")
+        picture = page.locator("figure.photograph img").last
         assert await picture.evaluate("image => [image.naturalWidth, image.naturalHeight]") == [300, 400]
-        await expect(page.locator("figure.photograph figcaption")).to_contain_text("Clamp 2 <i>seen</i> from above")
+        words = page.locator("figure.photograph figcaption").last
+        await expect(words).to_contain_text("Clamp 2 <i>seen</i> from above")
         assert await bench.ended() == 0
     journal = next((tmp_path / "state" / "sessions").glob("*.journal"))
     read = read_journal(journal.read_bytes())
     kept = [one for one in read.entries if isinstance(one, Noted)]
-    photograph = photographs(read, journal)[0]
+    photograph = photographs(read, journal)[-1]
     assert photograph.data.startswith(b"\xff\xd8") and photograph.entry.operator == "A. Operator"
     assert [(one.code, one.text) for one in kept] == [("remark", f"A. Operator: {said}")]

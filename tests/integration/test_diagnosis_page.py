@@ -118,6 +118,8 @@ async def test_a_foreign_file_is_confirmed_and_diagnosed(files: Path, tmp_path: 
         await page.get_by_role("link", name="the report").click()
         await expect(page.locator("h1").first).to_be_visible()
         assert await page.evaluate("self.origin") == "null", "a report is of no origin of ours"
+        await expect(page.locator("body")).to_contain_text("theirs <b>.csv")
+        assert "recording.csv" not in await page.content(), "the file has its own name, not the one it is kept under"
         await page.go_back()
         await page.get_by_role("button", name="Another file").click()
         await expect(page.locator("#recording")).to_be_visible()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -58,6 +59,10 @@ RunByRun = Annotated[
     ),
 ]
 
+Called = Annotated[
+    str | None, typer.Option("--called", metavar="NAME", help="What the report calls the recording; else its file.")
+]
+
 Workers = Annotated[
     int | None, typer.Option("--workers", min=1, max=256, help="Runs of rows worked on at the same time; default 2.")
 ]
@@ -93,6 +98,7 @@ def diagnose(
     run_by_run: RunByRun = None,
     workers: Workers = None,
     cluster: ClusterOption = None,
+    called: Called = None,
     language: Language = "en",
 ) -> None:
     """Say where a recording departs from the simulation, what was left out, and how sure that is."""
@@ -129,7 +135,7 @@ def diagnose(
     from highside.words import in_language
 
     with in_language(language):
-        _write_and_tell(made, out, write_model, report=report)
+        _write_and_tell(made if called is None else replace(made, source=called), out, write_model, report=report)
 
 
 def _spreadable(run_by_run: bool | None, summary: Path | None, effects: Sequence[Path] | None) -> bool:

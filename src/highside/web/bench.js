@@ -62,6 +62,22 @@ window.highside = (() => {
     show();
     cue("hands-off");
   });
+  // one that is larger than is taken is made smaller here, as the server would make it; null where that is beyond the
+  // browser. The right way up: a camera that was turned says so in the file, and the smaller one has no such word
+  async function smaller(file, side) {
+    try {
+      const whole = await createImageBitmap(file), scale = Math.min(1, side / Math.max(whole.width, whole.height));
+      const drawn = document.createElement("canvas");
+      drawn.width = Math.round(scale * whole.width);
+      drawn.height = Math.round(scale * whole.height);
+      drawn.getContext("2d").drawImage(whole, 0, 0, drawn.width, drawn.height);
+      whole.close();
+      return await new Promise((done) => drawn.toBlob(done, "image/jpeg", 0.92));
+    } catch {
+      return null;
+    }
+  }
+
   // a photograph goes as it is; the server says what became of it
   document.addEventListener("submit", async (event) => {
     const form = event.target.closest?.("form.photograph");
@@ -72,11 +88,14 @@ window.highside = (() => {
     answer.textContent = button.dataset.sending;
     button.disabled = true;
     try {
-      const got = await fetch(`/photograph?${said}`, { method: "POST", body: file.files[0] });
+      const most = 1e6 * Number(form.dataset.most), sent = file.files[0];
+      const body = sent.size > most ? await smaller(sent, Number(form.dataset.side)) : sent;
+      if (!body) throw new RangeError(form.dataset.large);
+      const got = await fetch(`/photograph?${said}`, { method: "POST", body });
       answer.textContent = await got.text();
       if (got.ok) form.reset();
-    } catch {
-      answer.textContent = button.dataset.failed;
+    } catch (error) {
+      answer.textContent = error instanceof RangeError ? error.message : button.dataset.failed;
     }
     button.disabled = false;
   });

@@ -7,6 +7,7 @@ from collections.abc import Awaitable, Callable
 from nicegui import ui
 from nicegui.elements.dialog import Dialog
 
+from highside.bench.photographs import SENT_MAX, SIDE_MAX
 from highside.bench.session.driver import REMARK_MAX, Kept
 from highside.web.language import language_line
 from highside.web.parts import markup
@@ -105,7 +106,7 @@ def _build_photograph(operator: Callable[[], str]) -> Dialog:
 
     def show() -> None:
         with in_language(language):
-            form.set_content(markup("photograph", operator()))
+            form.set_content(markup("photograph", operator(), SENT_MAX // 1_000_000, SIDE_MAX))
         dialog.open()
 
     button = ui.button(_("Photograph"), color=None, on_click=show).classes("command plain small")

@@ -17,12 +17,14 @@ from typing import Any
 from urllib.parse import parse_qs
 
 from starlette.requests import Request
-from starlette.responses import PlainTextResponse, Response
+from starlette.responses import Response
 
 from highside.config.web import WebProxy, WebTable
 from highside.web.signin.people import peer_of
 from highside.web.sockets import Offences
+from highside.web.turned_away import turned_away
 from highside.web.viewers import Viewers
+from highside.words import said
 
 Message = MutableMapping[str, Any]
 Scope = MutableMapping[str, Any]
@@ -35,9 +37,8 @@ Allowed = Callable[[Request], tuple[int, float] | None]
 Gate = Callable[[Request], Response | AbstractContextManager[None]]
 """What is answered instead of a page, or what to hold meanwhile"""
 
-BODY_MAX = {"/login": 10_000, "/api/session/command": 16_384} | dict.fromkeys(
+BODY_MAX = {"/login": 10_000, "/api/session/command": 16_384, "/diagnosis/look": 60_000} | dict.fromkeys(
     (
-        "/diagnosis/look",
         "/diagnosis/run",
         "/diagnosis/forget",
         "/diagnosis/sign-in",
@@ -49,12 +50,12 @@ BODY_MAX = {"/login": 10_000, "/api/session/command": 16_384} | dict.fromkeys(
     ),
     8_000,
 )
-"""Bytes of a body: a token has a few dozen, a command with the longest note and names in escaped JSON some 9,000;
-what is said of columns, 4,000."""
+"""Bytes of a body: a token has a few dozen, a command with the longest note and names in escaped JSON some 9,000; what
+is said of columns has 4,200 letters, each of them twelve bytes at most."""
 OTHER_BODY_MAX = 1_000
 """Bytes where nobody reads a body at all."""
 BODY_WITHIN_S = 10.0
-"""For the whole body; the longest allowed takes that at 1,600 bytes a second."""
+"""For the whole body; the longest allowed takes that at 6,000 bytes a second."""
 LARGE_MAX = 2
 """Bodies beyond those limits that are taken at a time, each of them in the memory while it arrives and is used."""
 DISCARDED = 1_000_000
@@ -159,7 +160,8 @@ class Front:
         if allowed is None:
             await self._within_limits(scope, receive, send, BODY_MAX.get(scope["path"], OTHER_BODY_MAX), BODY_WITHIN_S)
         elif self._large >= LARGE_MAX:
-            await _closing(503, "Others are sending files: come back in a minute.")(scope, receive, send)
+            text = said("Others are sending files: come back in a minute.")
+            await turned_away(scope, 503, text)(scope, receive, send)
         else:
             self._large += 1
             try:
@@ -173,10 +175,12 @@ class Front:
         answer: Response | None = None
         body = b""
         if not self._is_ours(scope):
-            text = "This server is not known by that name; [web] allowed_hosts says by which others it may be asked."
-            answer = _closing(421, text)
+            text = said(
+                "This server is not known by that name; [web] allowed_hosts says by which others it may be asked."
+            )
+            answer = turned_away(scope, 421, text)
         else:
-            taken = await _body(receive, body_max, body_within_s, _declared(scope))
+            taken = await _body(scope, receive, body_max, body_within_s)
             answer, body = (taken, b"") if isinstance(taken, Response) else (None, taken)
         passed = answer if answer is not None else self._gate(Request(scope))
         if isinstance(passed, Response):
@@ -256,29 +260,27 @@ def _declared(scope: Scope) -> int:
     return int(given[0]) if given and given[0].isdigit() and len(given[0]) < 20 else 0
 
 
-async def _body(receive: Receive, limit: int, within_s: float, declared: int) -> bytes | Response:
+async def _body(scope: Scope, receive: Receive, limit: int, within_s: float) -> bytes | Response:
     """The whole body, counted while it is read; or the answer to one that is too long or too slow."""
-    got, size = bytearray(), 0
+    got, size, declared = bytearray(), 0, _declared(scope)
     try:
         async with asyncio.timeout(within_s):
             while max(size, declared) <= limit or size <= max(DISCARDED, DISCARDED_LIMITS * limit):
                 message = await receive()
                 if message["type"] == "http.disconnect":
-                    return _closing(400, "The request was not finished.")
+                    return turned_away(scope, 400, said("The request was not finished."))
                 size += len(message.get("body", b""))
                 if max(size, declared) <= limit:
                     got += message.get("body", b"")
                 if not message.get("more_body", False):
                     break
     except TimeoutError:
-        return _closing(408, f"The request was not whole within {within_s:g} s.")
+        return turned_away(scope, 408, said("The request was not whole within %(seconds)s s.", seconds=f"{within_s:g}"))
     if max(size, declared) > limit:
-        return _closing(413, f"The request is too long: at most {limit} bytes are read here.")
+        return turned_away(
+            scope, 413, said("The request is too long: at most %(most)s bytes are read here.", most=limit)
+        )
     return bytes(got)
-
-
-def _closing(status: int, text: str) -> Response:
-    return PlainTextResponse(f"{text}\n", status, headers={"Connection": "close"})
 
 
 def _until(receive: Receive, within_s: float) -> Receive:

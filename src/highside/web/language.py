@@ -8,12 +8,13 @@ from __future__ import annotations
 import re
 
 from fastapi import FastAPI, Request, Response
-from fastapi.responses import PlainTextResponse, RedirectResponse
+from fastapi.responses import RedirectResponse
 
 from highside.web.front import of_our_origin
 from highside.web.plain import HEADERS, form_of
+from highside.web.turned_away import turned_away
 from highside.web.viewer import viewer
-from highside.web.words import COOKIE, COOKIE_MAX_AGE_S, LANGUAGES
+from highside.web.words import COOKIE, COOKIE_MAX_AGE_S, LANGUAGES, said
 from highside.words.worded import worded
 
 _NEXT = re.compile(r"/(?![/\\])[A-Za-z0-9_.~%/?=&-]{0,300}")
@@ -31,7 +32,7 @@ class LanguageSwitch:
 
     async def _change(self, request: Request) -> Response:
         if not of_our_origin(request.scope):
-            return PlainTextResponse("This form does not come from a page of this server.\n", 403)
+            return turned_away(request.scope, 403, said("This form does not come from a page of this server."))
         form = form_of(await request.body())
         code, after = (form.get(name, [""])[0] for name in ("code", "next"))
         answer = RedirectResponse(own_path(after), 303, HEADERS)

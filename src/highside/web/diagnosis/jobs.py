@@ -207,6 +207,7 @@ class Jobs:
                     raise Refused(_in_words(_last(err)) or why)
             model, out = job.folder / "model.toml", job.answer.parent
             asked = ["diagnose", str(rows), f"--model={model}", f"--out={out}", f"--language={job.language}"]
+            asked.append(f"--called={job.name}")
             status, heard, err = await self._child(job, asked, self._within_s)
         # 1: the data are bad, which is an answer with a report
         if status not in (0, 1):

@@ -29,7 +29,7 @@ from highside.config.serve import DiagnosisTable
 from highside.errors import HighsideError, Refused
 from highside.reading import read_document
 from highside.web.diagnosis.jobs import Job, Jobs, Words
-from highside.web.diagnosis.views import DiagnosisViews
+from highside.web.diagnosis.views import MAP_MAX, DiagnosisViews
 from highside.web.front import of_our_origin
 from highside.web.host import PageHost, notice
 from highside.web.navigation import Link
@@ -45,7 +45,8 @@ UPLOAD_WITHIN_S = 300.0
 """For a whole upload; 64 MB take that at 0.2 MB/s."""
 MODEL_MAX = 200_000
 """Bytes of a model; the shipped ones have 2,000."""
-FORM_MAX = 8_000
+FORM_MAX = 24_000
+"""Bytes of a form beside its files: of `MAP_MAX` letters each has four at most."""
 MAPPINGS_MAX = 40
 _UPLOAD = "/diagnosis/file"
 _REPORT_POLICY = (
@@ -131,9 +132,14 @@ class DiagnosisPages:
         job = self._jobs.of(viewer)
         if job is None:
             return HTMLResponse(self._views.begin(), headers=FORM_HEADERS)
+        return await self._shown(job)
+
+    async def _shown(self, job: Job, status: int = 200, trouble: str = "", written: Words | None = None) -> Response:
+        """`written`: what was said of the columns and is not taken."""
         report = await asyncio.to_thread(job.report.is_file)
-        page = self._views.job(job, self._jobs.waiting_before(job), report=report)
-        return HTMLResponse(page, headers=FORM_HEADERS)
+        before = self._jobs.waiting_before(job)
+        page = self._views.job(job, before, report=report, trouble=trouble, written=written or job.words)
+        return HTMLResponse(page, status, FORM_HEADERS)
 
     async def _state(self, request: Request, viewer: str) -> Response:
         job = self._jobs.of(viewer)
@@ -158,8 +164,12 @@ class DiagnosisPages:
     async def _look(self, request: Request, viewer: str) -> Response:
         form = await request.form(max_files=0, max_fields=10)
         job = self._jobs.of(viewer)
-        if job is not None:
+        if job is None:
+            return _back()
+        try:
             self._jobs.look_again(job, _words(form))
+        except HighsideError as error:
+            return await self._shown(job, 409, error_told(error), _written(form))
         return _back()
 
     async def _run(self, request: Request, viewer: str) -> Response:
@@ -190,11 +200,17 @@ class DiagnosisPages:
 
 def _words(form: FormData) -> Words:
     """Raises Refused for more than anybody writes."""
-    lines = [line.strip() for line in _text(form, "map", 4_000).splitlines() if line.strip()]
+    lines = [line.strip() for line in _text(form, "map", MAP_MAX).splitlines() if line.strip()]
     if len(lines) > MAPPINGS_MAX:
         raise Refused(said("%(count)s columns are named: at most %(most)s", count=len(lines), most=MAPPINGS_MAX))
     units, axes, rate = _text(form, "units", 100), _text(form, "axes", 20), _text(form, "rate", 20)
     return Words(tuple(lines), units, axes, rate, form.get("poses") == "yes")
+
+
+def _written(form: FormData) -> Words:
+    """The same as it was written, within what a page shows again."""
+    units, axes, rate = (str(form.get(name, ""))[:200] for name in ("units", "axes", "rate"))
+    return Words((str(form.get("map", ""))[:MAP_MAX],), units, axes, rate, form.get("poses") == "yes")
 
 
 def _text(form: FormData, name: str, longest: int) -> str:

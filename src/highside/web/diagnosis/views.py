@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from markupsafe import Markup
 
-from highside.web.diagnosis.jobs import LIVE, SUFFIXES, Job
+from highside.web.diagnosis.jobs import LIVE, SUFFIXES, Job, Words
 from highside.web.navigation import Link
 from highside.web.plain import render
 from highside.web.words import _, said_later
@@ -22,6 +22,8 @@ WORDS = {
 }
 OPEN = said_later("The file leaves something open.")
 COLUMNS_SHOWN = 60
+MAP_MAX = 4_000
+"""Letters of what is said of columns"""
 
 
 def found_in_words(text: str) -> Markup:
@@ -38,7 +40,9 @@ class DiagnosisViews:
 
     def begin(self, trouble: str | None = None) -> str:
         """The form for a file."""
-        return self._page("begin", trouble=trouble, upload_mb=self._upload_mb, accept=",".join(SUFFIXES))
+        return self._page(
+            "begin", trouble=trouble, upload_mb=self._upload_mb, accept=",".join(SUFFIXES), map_max=MAP_MAX
+        )
 
     def sign_in(self) -> str:
         """For who has not shown the token."""
@@ -56,8 +60,9 @@ class DiagnosisViews:
             return f"{what} " + _("%(seconds)s s so far.") % seconds
         return f"{what} " + _("It took %(seconds)s s.") % seconds if job.stage == "done" else what
 
-    def job(self, job: Job, before: int, *, report: bool) -> str:
-        """One job; `before`: how many are before it, `report`: whether there is one to read."""
+    def job(self, job: Job, before: int, *, report: bool, written: Words, trouble: str = "") -> str:
+        """One job; `before`: how many are before it, `report`: whether there is one to read; `written`: what is said
+        of its columns, `trouble`: why that is not taken."""
         doubts = job.looked.get("doubts", [])
         is_open = any(doubt["open"] for doubt in doubts)
         heading = OPEN if is_open and job.stage == "looked" else WORDS[job.stage]
@@ -74,7 +79,10 @@ class DiagnosisViews:
             doubts=doubts,
             is_open=is_open,
             report=report,
-            mapping="\n".join(job.words.mapping),
+            written=written,
+            mapping="\n".join(written.mapping),
+            trouble=trouble,
+            map_max=MAP_MAX,
         )
 
     def _page(self, template: str, **values: object) -> str:

@@ -26,7 +26,8 @@ from highside.web.viewer import viewer
 from highside.web.words import _, said
 from highside.words.errors import error_told
 
-BODY_MAX = 4 * TEXT_MAX
+BODY_MAX = 12 * TEXT_MAX + 1_000
+"""Bytes of the form: each letter of the text is twelve at most."""
 BODY_WITHIN_S = 30.0
 
 
@@ -113,6 +114,7 @@ class SettingsPages:
             "/settings",
             name=self._path.name,
             text=text,
+            text_max=TEXT_MAX,
             seen=seen,
             found=None if trouble or said else found,
             trouble=trouble,
