@@ -146,7 +146,7 @@ class BenchPage:
         person = self._host.person(request)
         operator = (person.name if person is not None else "") or request.query_params.get("operator", "")
         kept = await self._driver.photograph(operator, request.query_params.get("text", ""), await request.body())
-        return PlainTextResponse(told(kept.text), 200 if kept.done else 422)
+        return PlainTextResponse(told(kept.text, "refusals"), 200 if kept.done else 422)
 
     async def _state(self) -> Response:
         return Response(self._driver.snapshot().to_json(), media_type="application/json")
@@ -172,4 +172,4 @@ async def _document(make: Callable[[], Awaitable[str]]) -> Response:
     try:
         return HTMLResponse(await make())
     except HighsideError as error:
-        return Response(f"{error_told(error)}\n", 409, media_type="text/plain")
+        return Response(f"{error_told(error, 'refusals')}\n", 409, media_type="text/plain")

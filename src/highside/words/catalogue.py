@@ -17,6 +17,7 @@ from highside.words.said import Said
 from highside.words.sentences import SENTENCES
 from highside.words.sentences_of_diagnosis import DIAGNOSIS
 from highside.words.sentences_of_importing import IMPORTING
+from highside.words.sentences_of_refusals import REFUSALS
 from highside.words.sentences_of_rotation import ROTATION
 from highside.words.sentences_of_settings import SETTINGS
 from highside.words.sentences_of_watch import WATCH
@@ -96,6 +97,7 @@ LISTS = {
     "": (),
     "diagnosis": DIAGNOSIS,
     "importing": IMPORTING,
+    "refusals": (*IMPORTING, *SETTINGS, *REFUSALS),
     "rotation": ROTATION,
     "settings": SETTINGS,
     "watch": WATCH,

@@ -120,6 +120,8 @@ ANSWERS_OF_STORE = (
     said_later("calibration refused (%(reason)s): %(why)s"),
     said_later("record %(record)s is not put in force: %(why)s"),
     said_later("record %(record)s bears no signature, and only signed ones are accepted; see `highside keys sign`"),
+    said_later("record %(record)s is signed with the key %(key)s (%(signer)s), which is not trusted here"),
+    said_later("record %(record)s: the signature of %(signer)s is not of this content; use the original file"),
     said_later("record %(record)s is of tool %(tool)s, not of %(other)s"),
     said_later("record %(record)s is of serial number %(serial)s, not of %(other)s"),
     said_later("record %(record)s expired on %(date)s; calibrate again"),

@@ -31,6 +31,7 @@ from highside.web.navigation import Link
 from highside.web.plain import FORM_HEADERS, HEADERS, form_of, render
 from highside.web.signin.acts import Person
 from highside.web.words import _
+from highside.words.errors import error_told
 
 FILES_MAX = 100
 SHOWN_MAX = 5
@@ -128,7 +129,7 @@ class BenchPages:
             settings = load_bench(path)
             title = plan_of(settings).title
         except HighsideError as error:
-            return Offer(path.name, trouble=str(error).replace(f"{self._folder}/", ""))
+            return Offer(path.name, trouble=error_told(error, "refusals").replace(f"{self._folder}/", ""))
         bench = settings.bench.name or ("simulated" if settings.simulated is not None else "")
         left = tuple(one for one in self._sessions(settings) if one.resumable)[:SHOWN_MAX]
         return Offer(path.name, settings.tool.id, settings.tool.serial or "", bench, title, left)
@@ -159,7 +160,7 @@ class BenchPages:
             await self._noted(person, act, file=file.name)
             await self._children.begin(file, operator, told)
         except HighsideError as error:
-            return await self._page(request, str(error).replace(f"{self._folder}/", ""), 409)
+            return await self._page(request, error_told(error, "refusals").replace(f"{self._folder}/", ""), 409)
         return RedirectResponse("/bench", 303, headers=HEADERS)
 
     async def _close(self, request: Request) -> Response:
@@ -171,7 +172,7 @@ class BenchPages:
             await self._noted(person, "end the process of a bench session")
             await self._children.end(name)
         except HighsideError as error:
-            return await self._page(request, str(error), 409)
+            return await self._page(request, error_told(error, "refusals"), 409)
         return RedirectResponse("/bench", 303, headers=HEADERS)
 
     async def _noted(self, person: Person, act: str, **details: str) -> None:

@@ -176,7 +176,7 @@ class Jobs:
         try:
             await work
         except HighsideError as error:
-            job.stage, job.said = "failed", (self._told(job, error_told(error)),)
+            job.stage, job.said = "failed", (self._told(job, error_told(error, "refusals")),)
         except OSError as error:
             why = error.strerror or type(error).__name__
             job.stage, job.said = "failed", (_("cannot be done here: %(why)s", why=why),)
@@ -211,7 +211,7 @@ class Jobs:
             status, heard, err = await self._child(job, asked, self._within_s)
         # 1: the data are bad, which is an answer with a report
         if status not in (0, 1):
-            raise Refused(_last(err) or said("the diagnosis ended with status %(status)s", status=status))
+            raise Refused(_in_words(_last(err)) or said("the diagnosis ended with status %(status)s", status=status))
         lines = [self._told(job, line) for line in heard.splitlines() if line.strip()]
         job.stage, job.said = "done", tuple(lines[:LINES_SHOWN])
 
@@ -284,8 +284,8 @@ def _text(path: Path) -> str:
 
 
 def _in_words(text: str) -> str:
-    """What an import was refused for, and what to do, in the language of who sent the file."""
-    return "; ".join(told(part, "importing") for part in text.split("; "))
+    """What a file was refused for, and what to do, in the language of who sent it."""
+    return "; ".join(told(part, "refusals") for part in text.split("; "))
 
 
 def _last(text: str) -> str:

@@ -109,7 +109,7 @@ class DiagnosisPages:
             try:
                 answer = await handler(request, viewer)
             except HighsideError as error:
-                answer = HTMLResponse(self._views.begin(error_told(error)), 409, FORM_HEADERS)
+                answer = HTMLResponse(self._views.begin(error_told(error, "refusals")), 409, FORM_HEADERS)
             if not known:
                 assert self._host is not None
                 secure = self._host.settings.tls is not None
@@ -169,7 +169,7 @@ class DiagnosisPages:
         try:
             self._jobs.look_again(job, _words(form))
         except HighsideError as error:
-            return await self._shown(job, 409, error_told(error), _written(form))
+            return await self._shown(job, 409, error_told(error, "refusals"), _written(form))
         return _back()
 
     async def _run(self, request: Request, viewer: str) -> Response:

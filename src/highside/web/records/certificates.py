@@ -132,7 +132,7 @@ class CertificatePages:
                 data = certificate(inputs).html().encode()
             self._acts.write(person, "make a certificate", record=record.id, number=number, form=kind)
         except HighsideError as error:
-            return self._form(name, given, error_told(error))
+            return self._form(name, given, error_told(error, "refusals"))
         ending = "xml" if kind == "dcc" else kind
         shown_as = "attachment" if kind == "dcc" else "inline"
         disposition = {"Content-Disposition": f'{shown_as}; filename="certificate-{record.id[:12]}.{ending}"'}

@@ -164,7 +164,7 @@ class SessionShelf:
 
 def told(error: HighsideError, directory: Path | None) -> str:
     """What a viewer reads of an error: without the place on this machine's disk."""
-    return _without_place(error_told(error), directory, _("the store"))
+    return _without_place(error_told(error, "refusals"), directory, _("the store"))
 
 
 def written(error: HighsideError, directory: Path) -> str:

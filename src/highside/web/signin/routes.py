@@ -25,6 +25,7 @@ from highside.web.signin.acts import Person
 from highside.web.signin.people import People
 from highside.web.signin.sessions import AGE_MAX_S, COOKIE
 from highside.web.words import _
+from highside.words.errors import error_told
 
 OPEN_PATHS = frozenset({"/sign-in", "/style.css", "/forms.js", "/here", "/language"})
 """What is answered to whom nobody knows."""
@@ -68,7 +69,7 @@ class SignInPages:
         try:
             cookie = await self._people.sign_in(name[:200], password, request.scope)
         except HighsideError as error:
-            return _page(403, trouble=str(error), name=name[:200], after=own_path(wanted))
+            return _page(403, trouble=error_told(error, "refusals"), name=name[:200], after=own_path(wanted))
         answer = RedirectResponse(own_path(wanted), 303, HEADERS)
         answer.set_cookie(
             COOKIE, cookie, max_age=int(AGE_MAX_S), httponly=True, samesite="strict", secure=self._secure, path="/"
@@ -89,7 +90,7 @@ class SignInPages:
         try:
             rows, trouble = await asyncio.to_thread(self._people.acts.last), None
         except HighsideError as error:
-            rows, trouble = [], str(error)
+            rows, trouble = [], error_told(error, "refusals")
         page = render("plain/acts.html", self._links, "/acts", rows=rows, trouble=trouble)
         return HTMLResponse(page, headers=HEADERS)
 

@@ -27,7 +27,7 @@ from highside.web.signin.acts import BEGINS, DONE, Acts
 from highside.web.tools.listener import Listener
 from highside.web.tools.state import Tools
 from highside.web.viewer import viewer
-from highside.web.words import _, said
+from highside.web.words import _, said, told
 from highside.words.errors import error_told
 
 ANSWER_WITHIN_S = 5.0
@@ -71,7 +71,7 @@ class OrderPages:
         except HighsideError as error:
             return self._page(tool, trouble=error_told(error, "settings"), status=409)
         if trouble is not None:
-            return self._page(tool, trouble=trouble, status=409)
+            return self._page(tool, trouble=told(trouble, "refusals"), status=409)
         return self._page(tool, said=_("Done: %s.") % _(act))
 
     async def _sent(self, tool: str, part: str, command: WatchCommand | DriftCommand) -> str | None:
