@@ -261,6 +261,7 @@ async def send_photograph(page: Page, bench: BenchProcess, folder: Path) -> None
     """One of a phone, beside what is none, what is too large, and what nobody may send."""
     large = folder / "large.jpg"
     await page.click("[data-role=photograph]")
+    await page.wait_for_selector(".q-dialog")
     # the dialog fades in by a transition that begins a frame late
     await page.wait_for_timeout(600)
     # the dialog alone: of what it covers axe takes the dialog's ground for its own
@@ -314,6 +315,8 @@ async def test_notes_and_photographs_are_kept_with_the_journal_and_stand_in_the_
         await page.wait_for_timeout(600)
         await assert_accessible(page, "a note")
         assert (await bench.state())["state"] != "paused", "what is typed is no command"
+        leaves = "dispatchEvent(new Event('beforeunload', { cancelable: true }))"
+        assert not await page.evaluate(leaves), "a page that is loaded anew would lose what is written"
         # what is too long for the journal stays, to be made shorter
         await field.evaluate("field => field.removeAttribute('maxlength')")
         await field.fill("x" * 2_000)
@@ -327,6 +330,7 @@ async def test_notes_and_photographs_are_kept_with_the_journal_and_stand_in_the_
         await expect(page.get_by_text("A note has 1 to 500 letters")).to_be_visible()
         await page.keyboard.press("Escape")
         await badge(page, "review").wait_for()
+        assert await page.evaluate(leaves)
         await page.keyboard.press("a")
         await badge(page, "accepted").wait_for()
         await page.goto(f"{bench.address}report", timeout=120_000)

@@ -99,6 +99,11 @@ window.highside = (() => {
     }
     button.disabled = false;
   });
+  // the session goes on whatever the page does; what is half written in a dialog would be gone: the browser asks first
+  addEventListener("beforeunload", (event) => {
+    const fields = document.querySelectorAll("[aria-modal=true] :is(textarea, input:not([type=file]))");
+    if ([...fields].some((one) => one.value.trim())) event.preventDefault();
+  });
   setInterval(() => { if (performance.now() - heard > SILENT_MS) document.body.classList.add("lost"); }, 500);
   // What is clicked while the link is cut would be kept by the socket, and command the session whenever it is back
   const COMMANDS = ".command, .redo-one, .q-menu";
