@@ -63,7 +63,7 @@ BENCHMARKS = bulk_attitude bulk_schedule codec_speed diagnosis_speed diagnosis_m
 bench: $(VENV)/.test
 	for name in $(BENCHMARKS); do $(BIN)/python -m tests.bench.$$name || exit 1; done
 
-## evidence: the long Monte-Carlo runs and a minute of each soak, figures printed
+## evidence: the long Monte-Carlo runs, every person's pages and a minute of each soak, figures printed
 evidence: $(VENV)/.test
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m studies.calibration_montecarlo --sensors 1000 --first-seed 300000
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m studies.schedule_coverage --sensors 600 --first-seed 400000
@@ -76,6 +76,7 @@ evidence: $(VENV)/.test
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m studies.fleet_lots --fleets 50 --tools 40 --first-seed 90000
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m studies.fleet_lots --fleets 25 --tools 40 --first-seed 96000 --hidden laws
 	$(BIN)/python -m studies.fleet_scale --job solve --sessions 1000 --kills 10 --ends 2
+	PYTHONPATH=. $(BIN)/python tests/integration/people_walk.py
 	HIGHSIDE_SOAK_S=60 $(BIN)/python -m pytest -q -s tests/integration/test_soak.py tests/integration/test_mqtt_faults.py tests/integration/test_mqtt_sigkill.py
 
 ## faults: the fault scenarios at their own numbers (about two hours), measured into docs/faults.md; FAULTS="--scenario 4".
@@ -110,10 +111,11 @@ open-world: $(VENV)/.test
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m studies.open_world.score $(OPEN)
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m studies.open_world.score $(OPEN) --groups law --rivals
 
-## pictures: renew what the bench page is compared with in every state (look at each before it is committed)
+## pictures: renew what the bench page in every state, and all other pages, are compared with (look before it is committed)
 .PHONY: pictures
 pictures: $(VENV)/.test
 	HIGHSIDE_RENEW_PICTURES=1 $(BIN)/python -m pytest -q tests/integration/test_page_pictures.py -k three_widths
+	HIGHSIDE_RENEW_PICTURES=1 $(BIN)/python -m pytest -q tests/integration/test_people_walk.py
 
 ## docs-pictures: renew the pictures of all pages in the docs (look at each before it is committed)
 .PHONY: docs-pictures
@@ -124,11 +126,14 @@ docs-pictures: $(VENV)/.test
 
 ## axe: every state of every page by axe's rules, light and dark, narrow and wide (minutes)
 ## firefox: the main pages in Firefox, one half after the other (`--shots DIR` of the program keeps pictures)
-.PHONY: axe firefox
+## people: each person's pages in Chromium and Firefox, at three widths, with axe and the cable pulled (minutes)
+.PHONY: axe firefox people
 axe: $(VENV)/.test
 	PYTHONPATH=. $(BIN)/python tests/integration/axe_walk.py
 firefox: $(VENV)/.test
 	PYTHONPATH=. $(BIN)/python tests/integration/firefox_walk.py
+people: $(VENV)/.test
+	PYTHONPATH=. $(BIN)/python tests/integration/people_walk.py
 
 ## words: collect the words of pages and documents into the catalogues of all languages, and compile these
 .PHONY: words
