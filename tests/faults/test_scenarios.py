@@ -31,6 +31,19 @@ def test_the_scenario_holds_at_a_small_number(tmp_path: Path, scenario: Callable
     assert row.held, row.measured
 
 
+@pytest.mark.parametrize(
+    ("summary", "held"),
+    [
+        ("1 passed, 17 deselected in 20.60s", True),
+        ("1 skipped, 3 deselected in 271.23s (0:04:31)", False),
+        ("4 passed, 1 skipped in 3.20s", False),
+        ("17 deselected in 0.10s", False),
+    ],
+)
+def test_what_was_skipped_held_nothing(summary: str, held: bool) -> None:
+    assert run.whole(summary) is held
+
+
 def test_every_scenario_has_a_line_and_each_number_of_its_own() -> None:
     """28 scenarios: each is named by some line, and what is run exists."""
     named: set[int] = set()
