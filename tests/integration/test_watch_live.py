@@ -173,6 +173,13 @@ def saved_stills(file: Path) -> int:
     return int(json.loads(file.read_text())["state"]["facts"]["stills"])
 
 
+def is_whole(file: Path) -> bool:
+    try:
+        return bool(json.loads(file.read_text()))
+    except ValueError:
+        return False
+
+
 def acknowledged_on_disk(file: Path) -> bool:
     return bool(json.loads(file.read_text())["state"]["acknowledged"])
 
@@ -266,17 +273,21 @@ def test_a_person_puts_the_proposal_in_force_and_takes_it_back_while_the_service
             wait_for(lambda: state.exists() and saved_stills(state) == STEP_AT, 10.0, "a saved state", daemon)
             refused = highside_says("watch", "propose", state, "--store", store, "-o", proposed, status=2)
             assert "nothing departs (holds)" in refused
+            # one rest may be noise; the turn after it, which ends with the next stand, tells
             tool.stands(STEP_AT, STEP_AT + 1)
             said = after(ear, daemon, STEP_AT + 1, STEP_AT)
+            assert (said.verdict, said.undecided) == ("learning", 1)
+            tool.stands(STEP_AT + 1, STEP_AT + 2)
+            said = after(ear, daemon, STEP_AT + 2, STEP_AT + 1)
             assert said.verdict == "departs"
             assert len(said.claims[0].equivalence_class) > 1
-            wait_for(lambda: saved_stills(state) == STEP_AT + 1, 10.0, "a saved state", daemon)
+            wait_for(lambda: saved_stills(state) == STEP_AT + 2, 10.0, "a saved state", daemon)
             refused = highside_says("watch", "propose", state, "--store", store, "-o", proposed, status=2)
             assert "not told apart by the attitudes seen" in refused
             assert not proposed.exists()
 
             # the build of the hole names it
-            tool.stands(STEP_AT + 1, STANDS)
+            tool.stands(STEP_AT + 2, STANDS)
             said = after(ear, daemon, STANDS, STANDS - 1)
             (claim,) = said.claims
             assert (claim.effect, claim.parameter, claim.equivalence_class) == ("bias_step", "b_x", ["b_x"])
@@ -563,5 +574,21 @@ def test_a_damaged_state_is_set_aside_and_said(tmp_path: Path, broker: Mosquitto
             tool.stands(0, 2)
             wait_for(lambda: "watch_state" not in alarms(ear), 20.0, "the end of the alarm", daemon)
             assert np.isfinite(json.loads((state / "watch.json").read_text())["state"]["t_s"])
+        # one character of what a running service had kept, still JSON and still numbers
+        kept = bytearray((state / "watch.json").read_bytes())
+        at = kept.index(b'"data"') + 40
+        kept[at] = ord("B") if kept[at] == ord("A") else ord("A")
+        (state / "watch.json").write_bytes(kept)
+        with running(config(tmp_path, tool, broker, store)) as daemon:
+            wait_for(lambda: "watch_state" in alarms(ear), 60.0, "the alarm of the second", daemon)
+            again = watch(ear)
+            assert again is not None
+            assert again.began == said.began
+            assert len(list(state.glob("watch.json.damaged-*"))) == 2
+            # what is damaged while it runs is nothing that it reads: the next state replaces it
+            (state / "watch.json").write_text("{")
+            tool.stands(2, 3)
+            wait_for(lambda: is_whole(state / "watch.json"), 20.0, "a whole state", daemon)
+            assert saved_stills(state / "watch.json") >= 1
     finally:
         ear.close()

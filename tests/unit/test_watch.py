@@ -21,8 +21,10 @@ from highside.report.watch_page import claim_words
 from highside.watch import POLICY, STATED, Prior, Still, Turning, Watch, prior_of_record
 from highside.watch.bank import HYPOTHESES, Bank, Filter
 from highside.watch.broken import AT_REST, UNNAMED, broken_axis
+from highside.watch.claims import SECOND
 from highside.watch.measurement import Surroundings, linear_still, linear_turning
 from highside.watch.parameters import INDEX, SIZE, prior
+from highside.watch.proposal import WatchOutcome, propose, read_outcome
 from studies.watch_wells import Conditions, departing, quiet
 
 AROUND = Surroundings(0.0, 0.0, 0.0)
@@ -396,6 +398,44 @@ def test_an_alarm_that_no_hypothesis_explains_any_more_stays_and_no_reading_is_t
     assert "use none of them" in said.advice[0]
     assert np.isfinite(said.covariance).all()
     assert not said.departure.any()
+
+
+@pytest.mark.parametrize(
+    ("steps_g", "second"),
+    [
+        ({20: (1e-3, 0.0, 0.0)}, False),
+        ({20: (1e-3, 0.0, 0.0), 50: (-1e-3, 0.0, 0.0)}, True),
+        ({20: (1e-3, 0.0, 0.0), 50: (0.0, 1e-3, 0.0)}, True),
+    ],
+)
+def test_what_one_departure_does_not_explain_is_said_and_nothing_is_proposed(
+    steps_g: dict[int, tuple[float, float, float]], second: bool
+) -> None:
+    """One that goes again, or is followed by another: the likeliest of all departures is a wrong one alone."""
+    watch, offset, rng = Watch(a_prior()), np.zeros(3), np.random.default_rng(6)
+    for k in range(90):
+        offset = offset + np.array(steps_g.get(k, (0.0, 0.0, 0.0)))
+        f = rng.standard_normal(3)
+        f = f / np.linalg.norm(f) * (1.0 + 1e-5 * rng.standard_normal())
+        watch.still(Still(1800.0 * k, f + offset, 1e-5, 20.0))
+        if k == 49:
+            assert SECOND not in watch.result().claims[0].equivalence_class
+            again = Watch(a_prior())
+            again.recall(watch.memory())
+            watch = again
+    said = watch.result()
+    (claim,) = said.claims
+    assert (SECOND in claim.equivalence_class) is second
+    assert ("one departure does not explain" in said.advice[0]) is second
+    if second:
+        outcome = read_outcome(json.dumps(said.to_dict()).encode(), "watch.json")
+        parent = highside.calibrate(poses_of_a_good_tool(1), "joint", tool="HS-1", temp_c=25.0).record
+        with pytest.raises(InputError, match="one departure does not explain"):
+            propose(parent, replace_cal(outcome, parent.id), now_s=1.8e9)
+
+
+def replace_cal(outcome: WatchOutcome, cal_id: str) -> WatchOutcome:
+    return outcome.model_copy(update={"cal_id": cal_id})
 
 
 @pytest.mark.parametrize("temp_c", [1e9, -273.2, float("inf"), float("nan")])

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 
 import highside
 import studies.watch_means
@@ -14,7 +15,9 @@ from highside.arrays import Array
 from highside.report.watch_page import page_of
 from highside.watch import POLICY, STATED, Still, Watch
 from highside.watch.axis_noise import AxisNoise, scatters
-from highside.watch.hold import Hold, noise_evidence
+from highside.watch.bank import Update
+from highside.watch.hold import Hold, noise_evidence, rests_of
+from highside.watch.noise_level import NoiseLevel, robust_scale
 from highside.watch.parameters import prior
 from highside.watch.words import noise_words
 from studies.survey_analysis import calibration
@@ -104,17 +107,59 @@ def test_an_axis_coarser_than_its_noise_is_said_nothing_of() -> None:
     assert axes.times(np.array([[0.0, 3e-4, 3e-4], [np.nan, 1e-4, 1e-4]])) == pytest.approx(np.ones(3))
 
 
-def test_a_step_between_the_first_two_rests_is_said_where_their_rows_scatter_alike() -> None:
-    """Nothing is waited for: the rows say that it is no noise."""
+def surveyed(seed: int, *, times: float = 1.0, step_g: float = 0.0, count: int = 65) -> Watch:
+    """Rests whose rows scatter as ever, whatever happens to their means from the 40th on."""
+    watch, rng = a_watch(), np.random.default_rng(seed)
     calm = np.array([3e-4 * np.ones(3), 1e-4 * np.ones(3)])
-    verdicts = {}
-    for times in (1.0, 3.0):
-        watch = a_watch()
-        for k in range(2):
-            f = np.array([0.6, 0.0, 0.8]) + k * np.array([3e-3, 0.0, 0.0])
-            watch.still(Still(600.0 * k, f, 1e-5, 20.0, None, calm * (times if k else 1.0)))
-        verdicts[times] = watch.result().verdict, watch.result().undecided
-    assert verdicts == {1.0: ("departs", 0), 3.0: ("learning", 1)}
+    for k in range(count):
+        f = rng.standard_normal(3)
+        noise = np.hypot(1e-5, STATED.still_floor_g) * (times if k >= 40 else 1.0)
+        f = f / np.linalg.norm(f) * (1.0 + noise * rng.standard_normal())
+        watch.still(Still(1800.0 * k, f + np.array([step_g, 0.0, 0.0]) * (k >= 40), 1e-5, 20.0, None, calm))
+    return watch
+
+
+def test_noise_from_rest_to_rest_that_no_rest_shows_in_itself_is_noise_and_a_step_a_step() -> None:
+    """Some one jump of the noise in fifteen looks like a departure for as long as is waited."""
+    noisy = [surveyed(700 + seed, times=6.0).result() for seed in range(8)]
+    assert sum(one.verdict == "departs" for one in noisy) <= 2
+    assert all(one.noise_grown or one.verdict == "departs" for one in noisy)
+    for seed in range(6):
+        (claim,) = surveyed(700 + seed, step_g=3e-4).result().claims
+        assert "b_x" in claim.equivalence_class
+
+
+def test_what_waits_is_kept_with_what_its_rows_say() -> None:
+    noisy = np.array([9e-4 * np.ones(3), 1e-4 * np.ones(3)])
+    watch, again = surveyed(701, count=40), a_watch()
+    for k in range(2):
+        watch.still(Still(1800.0 * (40 + k), np.array([1.001, 0.0, 0.0]), 1e-5, 20.0, None, noisy))
+    assert watch.result().undecided == 2
+    again.recall(watch.memory())
+    for key, kept in watch.memory().arrays.items():
+        assert again.memory().arrays[key] == pytest.approx(kept), key
+    (_, times), _ = rests_of(watch.memory().arrays["held"])
+    assert times == pytest.approx(np.full(3, 3.0), rel=1e-6)
+
+
+def test_a_few_numbers_do_not_make_noise_that_is_as_stated_larger_than_chance_does() -> None:
+    """Else the threshold is above its own value in half of all wells, and what departs is said late."""
+    level = NoiseLevel(POLICY)
+    for share in (np.arange(POLICY.scale_from) + 0.5) / POLICY.scale_from:
+        innovation = 1.1 * norm.ppf(share)
+        level.take(Update(np.eye(1), np.eye(1), np.eye(1), np.array([innovation])), np.eye(1), 1.0)
+    assert level.expected_ratio() == pytest.approx(1.1, rel=0.02)
+    assert level.surely_expected_ratio() == pytest.approx(1.0, rel=0.02)
+
+
+def test_the_scale_of_normal_numbers_is_their_standard_deviation_and_bears_some_that_are_none() -> None:
+    rng = np.random.default_rng(4)
+    found = [robust_scale((2.0 * rng.standard_normal(60)) ** 2) for _ in range(400)]
+    assert np.mean(found) == pytest.approx(2.0, rel=0.02)
+    assert np.std(found) / 2.0 == pytest.approx(np.sqrt(0.5 / 60 / 0.75), rel=0.15)
+    some = np.concatenate([rng.standard_normal(54), np.full(6, 100.0)])
+    assert robust_scale(some**2) < 1.5
+    assert robust_scale(np.zeros(8)) == 0.0
 
 
 def test_scatter_is_that_of_neighbours_whatever_drifts() -> None:

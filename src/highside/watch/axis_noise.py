@@ -81,14 +81,6 @@ class AxisNoise:
         if (last > policy.grown * high).all() or (last < low / policy.grown).all():
             changed[:] = t_s[-policy.noise_confirm], low, middle, high
 
-    def tells(self, scatter_g: Array) -> bool:
-        """Whether the rows of a rest say themselves if its noise has grown: it scatters like those before, be they few,
-        or they are so many that it is known by how much it does not."""
-        if not self._rests or len(self._rests) >= self._policy.noise_fewest:
-            return bool(self._rests)
-        most = np.nanmax(np.nan_to_num(np.array(self._rests)[:, 1:]), axis=0)
-        return bool((np.nan_to_num(np.asarray(scatter_g, dtype=float).ravel()) <= self._policy.grown * most).all())
-
     def times(self, scatter_g: Array) -> Array:
         """(3,) by which factor each axis is noisier in a rest than it was before, one at least; one while too few rests
         were seen to say so."""

@@ -125,6 +125,15 @@ class Scored:
     since_s: float
     left: Array
     """(N,) mean error of the filter for a size of one: what it has not followed yet"""
+    squares: float
+    """of the whitened innovations since then, less what it explains of them"""
+    numbers: int
+    """how many they are"""
+
+    def leaves_more(self, policy: WatchPolicy) -> bool:
+        """Whether what it leaves is more than noise as it was expected."""
+        chance = policy.left_sigmas * np.sqrt(2.0 * self.numbers)
+        return self.numbers > 0 and self.squares > policy.left_ratio * self.numbers + chance
 
     def corrected(self, state: Array, covariance: Array) -> tuple[Array, Array]:
         """State and covariance if this is what happened. The filter alone spreads a step over all it may be."""
@@ -151,6 +160,8 @@ class Bank:
         self._score = np.zeros(len(first))
         self._since_mark = np.zeros((2, len(first)))
         """information and score since `mark`"""
+        self._all = np.zeros((2, len(first)))
+        """sum of squares of the innovations since the onset, and how many they are"""
         self._first = len(first)
         self.begun = False
 
@@ -177,6 +188,7 @@ class Bank:
             ("_information", np.zeros(width)),
             ("_score", np.zeros(width)),
             ("_since_mark", np.zeros((2, width))),
+            ("_all", np.zeros((2, width))),
         ):
             held = getattr(self, name)
             if drop is not None:
@@ -200,6 +212,7 @@ class Bank:
         self._information += information
         self._score += score
         self._since_mark += np.stack([information, score])
+        self._all += np.array([[update.innovations @ update.innovations], [update.innovations.size]])
         self._D -= update.gain @ seen
 
     def mark(self) -> None:
@@ -222,6 +235,7 @@ class Bank:
             "since": self._since.copy(),
             "information": self._information.copy(),
             "score": self._score.copy(),
+            "all": self._all.copy(),
         }
 
     def recall(self, memory: Mapping[str, Array]) -> None:
@@ -231,6 +245,8 @@ class Bank:
         count = of.size
         shapes = {"D": (SIZE, count), "of": (count,)}
         shapes |= dict.fromkeys(("since", "information", "score"), (count,))
+        # one of before what is left was counted has none: it is counted from here on, and looks smaller than it is
+        shapes |= {"all": (2, count)} if "all" in memory else {}
         if any(memory[name].shape != shape for name, shape in shapes.items()):
             raise ValueError("columns that do not fit one another")
         onsets, rest = divmod(count - first, width)
@@ -239,6 +255,9 @@ class Bank:
             raise ValueError("columns of other hypotheses")
         if not np.all(memory["information"] >= 0.0):
             raise ValueError("information below zero")
+        self._all = memory["all"].copy() if "all" in memory else np.zeros((2, count))
+        if not (self._all >= 0.0).all():
+            raise ValueError("what is left of the innovations is none")
         self._of = of
         self._D = memory["D"].copy()
         self._since = memory["since"].copy()
@@ -258,7 +277,19 @@ class Bank:
             if ratio[at] > 0.0:
                 std = float(1.0 / np.sqrt(self._information[at]))
                 left = self._D[:, at].copy()
-                out.append(Scored(hypothesis, float(ratio[at]), float(size[at]), std, float(self._since[at]), left))
+                squares, numbers = self._all[:, at]
+                out.append(
+                    Scored(
+                        hypothesis=hypothesis,
+                        ratio=float(ratio[at]),
+                        size=float(size[at]),
+                        std=std,
+                        since_s=float(self._since[at]),
+                        left=left,
+                        squares=float(squares - ratio[at]),
+                        numbers=int(numbers),
+                    )
+                )
         return sorted(out, key=lambda one: -one.ratio)
 
     def largest(self) -> float:

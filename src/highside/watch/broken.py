@@ -1,4 +1,4 @@
-"""Which axis is dead, stuck or saturated, where the length of the readings is not gravity's.
+"""Which axis is dead, stuck, saturated or far off, where the length of the readings is not gravity's.
 
 While the tool turns, gravity swings x and y alike, and what one of them shows has with z the length of gravity: an
 axis can be the broken one only where the other two agree with that. At rest, an axis that reads the same in attitudes
@@ -16,7 +16,7 @@ __all__ = ["AT_REST", "UNNAMED", "broken_axis"]
 AXES = "xyz"
 AT_REST = -1.0
 """in place of a swing"""
-UNNAMED = ("dead axis", "stuck axis", "saturation")
+UNNAMED = ("dead axis", "stuck axis", "saturation", "large offset")
 
 
 def broken_axis(readings: Array, tolerance: float) -> tuple[str, ...]:

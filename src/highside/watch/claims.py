@@ -12,8 +12,10 @@ from highside.watch.broken import broken_axis
 from highside.watch.policy import WatchPolicy
 from highside.watch.result import Size, WatchClaim
 
-__all__ = ["broken", "size_of", "unexplained"]
+__all__ = ["SECOND", "broken", "size_of", "unexplained"]
 
+SECOND = "a second departure"
+"""in a class: the likeliest departure is not all that happened"""
 INTERVAL = 1.96
 """standard deviations of a 95 % interval"""
 

@@ -28,8 +28,11 @@ __all__ = ["Hold", "noise_evidence"]
 
 Judgement = Literal["noise", "departure", "neither", "undecided"]
 """`neither`: those that followed were as expected, or nothing is above the threshold after all"""
-STILL_WIDTH = 9
-"""a rest as it is kept: time, mean (3), its standard deviation, temperature, depth, and whether these two are known"""
+STILL_WIDTH = 12
+"""a rest as it is kept: time, mean (3), its standard deviation, temperature, depth, whether these two are known, and
+how much noisier its axes are by its own rows (3)"""
+_WITHOUT_TIMES = 9
+"""of memories of before the last three were kept"""
 
 
 def noise_evidence(squares: float, numbers: int) -> float:
@@ -47,13 +50,14 @@ class Hold:
     before: WatchMemory
     level: float
     """of the noise, with which they were expected"""
-    taken: list[Still | Turning] = field(default_factory=list)
+    taken: list[tuple[Still | Turning, Array | None]] = field(default_factory=list)
+    """each with what its rows say of its axes (`linear_still`)"""
     squares: float = 0.0
     numbers: int = 0
 
-    def add(self, one: Still | Turning, innovations: Array) -> None:
-        """One more measurement, with its whitened innovations (M,)."""
-        self.taken.append(one)
+    def add(self, one: Still | Turning, innovations: Array, times: Array | None = None) -> None:
+        """One more measurement, with its whitened innovations (M,) and what its rows say of its axes (3,)."""
+        self.taken.append((one, times))
         self.squares += float(innovations @ innovations)
         self.numbers += innovations.size
 
@@ -84,21 +88,27 @@ class Hold:
     def rests(self) -> Array | None:
         """(K, `STILL_WIDTH`) to be kept; None where rotation is among them: then what was taken stands."""
         rows = []
-        for one in self.taken:
+        for one, times in self.taken:
             if not isinstance(one, Still):
                 return None
             beside = [0.0 if value is None else 1.0 for value in (one.temp_c, one.depth_km)]
             rows.append([one.t_s, *one.mean_g, one.std_g, one.temp_c or 0.0, one.depth_km or 0.0, *beside])
+            rows[-1] += [1.0] * 3 if times is None else [float(value) for value in times]
         return np.array(rows, dtype=float).reshape(-1, STILL_WIDTH)
 
 
-def rests_of(rows: Array) -> list[Still]:
+def rests_of(rows: Array) -> list[tuple[Still, Array]]:
     """Of what `Hold.rests` kept. Raises ValueError for what is none."""
+    if rows.ndim == 2 and rows.shape[1] == _WITHOUT_TIMES:
+        rows = np.hstack([rows, np.ones((len(rows), STILL_WIDTH - _WITHOUT_TIMES))])
     if rows.ndim != 2 or rows.shape[1] != STILL_WIDTH:
         raise ValueError("the rests that wait have another shape")
+    if not (rows[:, _WITHOUT_TIMES:] >= 1.0).all():
+        raise ValueError("the scatter of a rest that waits is none")
     if not (rows[:, 4] >= 0.0).all() or not (np.linalg.norm(rows[:, 1:4], axis=1) > 0.5).all():
         raise ValueError("a rest that waits is none")
     return [
-        Still(float(t), np.array(mean), float(std), float(temp) if warm else None, float(km) if deep else None)
-        for t, *mean, std, temp, km, warm, deep in rows
+        (Still(t, np.array(mean), std, temp if warm else None, km if deep else None), np.array(times))
+        for t, *mean, std, temp, km, warm, deep, x, y, z in rows.tolist()
+        for times in [[x, y, z]]
     ]

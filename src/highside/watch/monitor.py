@@ -16,7 +16,7 @@ from highside.arrays import Array
 from highside.watch.axis_noise import AxisNoise
 from highside.watch.bank import Bank, Filter, Scored
 from highside.watch.broken import AT_REST
-from highside.watch.claims import broken, size_of, unexplained
+from highside.watch.claims import SECOND, broken, size_of, unexplained
 from highside.watch.hold import Hold, noise_evidence, rests_of
 from highside.watch.measurement import Still, Surroundings, Turning, linear_still, linear_turning
 from highside.watch.memory import TRACE_WIDTH, WatchMemory, checked
@@ -77,11 +77,12 @@ class Watch:
         ):
             return
         self._counts["stills"] += 1
-        times, known = None, False
+        times = None
         if still.scatter_g is not None:
-            times, known = self._axes.times(still.scatter_g), self._axes.tells(still.scatter_g)
+            times = self._axes.times(still.scatter_g)
             self._axes.take(still.t_s, still.scatter_g)
-        self._measure(still, times, waits=not known)
+        # waits even where its rows scatter as ever: what is constant within a rest shows from rest to rest alone
+        self._measure(still, times)
 
     def shaken(self, still: Still) -> None:
         """A rest in which the tool shakes: its mean is not used, what its axes scatter is."""
@@ -121,9 +122,8 @@ class Watch:
         """The tool was switched off and on: its offsets may repeat no better than is stated."""
         self._hold = None
         noise = self._noise
-        repeat = np.array([noise.repeat_g**2] * 3 + [noise.repeat**2] * 9)
         for one in (self._filter, self._alone):
-            one.covariance[range(CALIBRATION), range(CALIBRATION)] += repeat
+            one.covariance[range(CALIBRATION), range(CALIBRATION)] += [noise.repeat_g**2] * 3 + [noise.repeat**2] * 9
 
     def leave_out(self, reason: str) -> None:
         """Count something that was not used."""
@@ -150,13 +150,8 @@ class Watch:
         """What was known before what is held, and what has been counted since."""
         now = self._now()
         counted = {name: now.arrays[name] for name in ("beyond", "beyond_axes", "noise_rests", "noise_changed")}
-        return replace(
-            hold.before,
-            arrays={**hold.before.arrays, **counted},
-            stills=now.stills,
-            turns=now.turns,
-            left_out=now.left_out,
-        )
+        arrays = {**hold.before.arrays, **counted}
+        return replace(hold.before, arrays=arrays, stills=now.stills, turns=now.turns, left_out=now.left_out)
 
     def _now(self) -> WatchMemory:
         trace = [np.concatenate([[t], value, std, [inc, evidence]]) for t, value, std, inc, evidence in self._trace]
@@ -223,16 +218,16 @@ class Watch:
         self._counts = {"stills": memory.stills, "turns": memory.turns}
         self._left_out = dict(memory.left_out)
         self._hold = None
-        for one in rests_of(arrays["held"]) if "held" in arrays else ():
-            self._measure(one)
+        for one, times in rests_of(arrays["held"]) if "held" in arrays else ():
+            self._measure(one, times)
 
     @property
     def _noise(self) -> StatedNoise:
         return self._prior.noise
 
     def _measure(self, one: Still | Turning, times: Array | None = None, *, waits: bool = True) -> None:
-        """One measurement, with what its rows say of its noise (`linear_still`); `waits`: where it scatters so much
-        that noise may have grown, the next ones are waited for."""
+        """One measurement, with what its rows say of its noise (`linear_still`); `waits`: where it is so far off that
+        noise may have grown, the next ones are waited for."""
         t_s, level = one.t_s, self._level.level
         if self._start_s is None:
             self._start_s = self._last_s = t_s
@@ -263,26 +258,26 @@ class Watch:
         std = np.sqrt(np.diag(self._widened(covariance))[:CALIBRATION])
         self._trace.append((t_s, state[:CALIBRATION].copy(), std, inclination, evidence))
         if self._alarm_s is None:
-            self._judge(one, update.innovations, evidence)
+            self._judge(one, times, update.innovations, evidence)
 
     def _is_odd(self, y: Array, H: Array) -> bool:
         """Whether a measurement is far from what is expected of it."""
         left = self._filter.innovations(y, H)
         return noise_evidence(float(left @ left), left.size) > self._policy.jump
 
-    def _judge(self, one: Still | Turning, innovations: Array, evidence: float) -> None:
+    def _judge(self, one: Still | Turning, times: Array | None, innovations: Array, evidence: float) -> None:
         """Whether something departs: at once, or where noise may have grown as soon as that can be told."""
         over, hold = evidence > self._threshold(), self._hold
         if hold is not None:
-            hold.add(one, innovations)
+            hold.add(one, innovations, times)
             found = hold.judged(self._bank.explained(), self._policy, over=over)
             if found != "undecided":
                 self._hold = None
             if found == "noise":
                 self.recall(self._before(hold))
                 self._level.jumped(hold.scale)
-                for taken in hold.taken:
-                    self._measure(taken, waits=False)
+                for taken, by_rows in hold.taken:
+                    self._measure(taken, by_rows, waits=False)
             over = found == "departure"
         if over:
             self._alarm_s = one.t_s
@@ -307,9 +302,10 @@ class Watch:
 
     def _threshold(self) -> float:
         """Of the evidence: grown with the noise beyond what measurements were weighted with, of some hours or, where
-        that is more, of the last few: noise that grows within hours would else be read as a departure."""
-        last = self._level.expected_ratio(self._policy.scale_from)
-        return self._policy.threshold * max(self._grown(), last) ** 2
+        that is more, of the last few: noise that grows within hours would else be read as a departure. By what is more
+        than chance alone, which would else hold back every departure in half of all wells."""
+        of_hours, of_last = (self._level.surely_expected_ratio(over) for over in (None, self._policy.scale_from))
+        return self._policy.threshold * max(1.0, of_hours, of_last) ** 2
 
     def _grown(self) -> float:
         """How much wider thresholds and standard deviations stand than the filter has them: noise may have grown, and
@@ -421,13 +417,16 @@ class Watch:
             least = self._policy.largest
             return unexplained("deviation", Size(least, 0.0, least, least, "g"), ("no small error",), alarm_s, alarm_s)
         best = scored[0]
-        alike = [one for one in scored if one.ratio >= best.ratio - self._policy.same_class]
+        alike = [one.hypothesis.name for one in scored if one.ratio >= best.ratio - self._policy.same_class]
         low, high = self._bank.onsets_of(best, self._policy.same_class)
+        # what began after the alarm did not raise it; what was just taken for noise may be part of what departs
+        if low > alarm_s or best.leaves_more(self._policy) or self._level.jumps:
+            alike.append(SECOND)
         return WatchClaim(
             effect=best.hypothesis.effect,
             parameter=best.hypothesis.name,
             parameters={best.hypothesis.name: size_of(best, self._grown())},
-            equivalence_class=tuple(one.hypothesis.name for one in alike),
+            equivalence_class=tuple(alike),
             since_s=best.since_s,
             since_low_s=low,
             since_high_s=high,

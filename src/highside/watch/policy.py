@@ -80,7 +80,7 @@ class WatchPolicy:
     seen: float = 0.5
     """share of a parameter's variance below which the hole must have brought it for it to be observable"""
     scale_over: int = 200
-    """innovations over whose median the noise is judged"""
+    """innovations over whose scale the noise is judged"""
     scale_from: int = 60
     """innovations below which it is not judged, and over the last of which it is followed: in the wells of
     `studies.watch_wells` those of about four hours"""
@@ -97,18 +97,24 @@ class WatchPolicy:
     """rests one after another that must all scatter `grown` times what nine tenths of the rests before did, or as much
     less than what one tenth did, for a change to be said, and all be within it for its end. Scatters of two seconds are
     known within 25 % from the shortest rest: by chance alone three of them pass in fewer than one of 10,000"""
-    jump: float = 12.0
+    jump: float = 7.0
     """twice the log-likelihood ratio of noise that has grown, of one measurement, from which the next ones must tell
-    whether it is noise or a departure: one number beyond 4 standard deviations, in one of 15,000 by chance"""
-    jump_chance: float = 1e-3
+    whether it is noise or a departure: one number beyond 3.2 standard deviations, in one of 800 by chance. Of a step
+    the first that it moves by so much is then among those that tell"""
+    jump_chance: float = 1e-2
     """that noise of any size alone looks so much like one given departure (`watch.hold`): twice the log-likelihood
-    ratio against noise must pass -2 ln of it, 13.8. There are some ten directions, and their sizes are free: how often
+    ratio against noise must pass -2 ln of it, 9.2. There are some ten directions, and their sizes are free: how often
     some departure passes is what `studies.watch_means` counts"""
     jump_fewest: int = 4
     """numbers of which that is judged: one of ten directions, its size and its onset explain three of anything nearly
     as well"""
     jump_wait: int = 8
     """measurements waited for; what has not passed as a departure by then is taken for noise"""
+    left_ratio: float = 1.2
+    """of the sum of squares that the likeliest departure leaves to what noise as expected leaves, from which it is not
+    all that departs: the noise is followed until the alarm by 60 numbers, within 22 % of its square"""
+    left_sigmas: float = 5.0
+    """by which it must be more than that besides"""
     walk: float = 1.3
     """random walk, in units of the stated one, that stated standard deviations allow for: innovations hardly show it.
     Set on 200 wells each (first seed 91000): with the stated walk, 1.5 times it, and 1.5 times it with noise 1.4 times

@@ -21,6 +21,7 @@ from highside.calibration.record import CalibrationRecord, canonical, content_id
 from highside.errors import InputError
 from highside.reading import parse_json
 from highside.version import __version__
+from highside.watch.claims import SECOND
 from highside.watch.parameters import CALIBRATION, MATRIX, NAMES, OFFSETS, global_zone
 
 __all__ = ["WatchOutcome", "propose", "read_outcome", "state_sha256"]
@@ -129,6 +130,12 @@ def propose(parent: CalibrationRecord, said: WatchOutcome, *, now_s: float, wher
     if said.verdict != "departs" or not said.claims:
         raise InputError(f"nothing departs ({said.verdict}): there is nothing to propose", where=where)
     claim = said.claims[0]
+    if SECOND in claim.equivalence_class:
+        raise InputError(
+            "one departure does not explain what was seen: nothing is proposed",
+            where=where,
+            remedy="calibrate anew at surface",
+        )
     if len(claim.equivalence_class) > 1:
         raise InputError(
             f"{', '.join(claim.equivalence_class)} are not told apart by the attitudes seen: nothing is proposed",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from highside.watch.claims import SECOND
 from highside.watch.parameters import AXES
 from highside.watch.policy import WatchPolicy
 from highside.watch.result import AttitudeError, NoiseChange, Verdict, WatchClaim
@@ -77,8 +78,14 @@ def advice(
             roll_test(inc_rad),
         )
     claim, lines = claims[0], []
-    if len(claim.equivalence_class) > 1:
-        lines.append(f"{', '.join(claim.equivalence_class)} are not told apart so far: {roll_test(inc_rad)}")
+    alike = [name for name in claim.equivalence_class if name != SECOND]
+    if SECOND in claim.equivalence_class:
+        lines.append(
+            "one departure does not explain what was seen: there is a second one, the first has gone again, or noise"
+            " has grown; trust no size, acknowledge and restart the watch, and calibrate again at surface"
+        )
+    if len(alike) > 1:
+        lines.append(f"{', '.join(alike)} are not told apart so far: {roll_test(inc_rad)}")
     error = claim.error
     if error is not None and max(abs(error.inc_deg), abs(error.tf_sin_inc_deg)) > policy.pull_deg:
         lines.append("the error is large: pull the tool")

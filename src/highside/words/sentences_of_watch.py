@@ -30,6 +30,10 @@ WATCH = (
     ),
     said_later("Near horizontal b_z and S_zz stay out of sight: a still at another inclination is needed."),
     said_later("%(names)s are not told apart so far: %(what)s"),
+    said_later(
+        "one departure does not explain what was seen: there is a second one, the first has gone again, or noise has"
+        " grown; trust no size, acknowledge and restart the watch, and calibrate again at surface"
+    ),
     said_later("the error is large: pull the tool"),
     said_later("check the next surveys against another tool, and calibrate again when this one is at surface"),
     said_later(
