@@ -38,6 +38,8 @@ NAMES = ("ax_g", "ay_g", "az_g", "gx_dps", "gy_dps", "gz_dps")
 SIGMA = np.array([5e-4] * 3 + [0.05] * 3)[:, None]
 TEMP_C = 25.0 + 12.0 * (1 - np.exp(-T_S / 25.0)) + 3.0 * np.sin(2 * np.pi * T_S / 47.0)
 G_MPS2 = 9.80665
+LAGUERRE = np.polynomial.laguerre.laggauss(32)
+"""nodes and weights: a motion of 3 Hz and a time constant of 40 ms to 1e-8"""
 
 
 class Motion:
@@ -81,15 +83,9 @@ def _on(channel: int, values: Array) -> Array:
 
 
 def _lagged(motion: Motion, tau_s: float) -> Array:
-    """What a first-order lag changes, exact for a motion that is straight between the fine rows."""
-    own = motion.all[:3]
-    share = 1 / motion.fine_hz / tau_s
-    decay = np.exp(-share)
-    now = 1 - (1 - decay) / share
-    start = own[:, :1]
-    low = lfilter([now, 1 - decay - now], [1.0, -decay], own - start, axis=1) + start
-    changed = np.stack([np.interp(T_S, motion.fine, row) for row in low - own])
-    return np.concatenate([changed, np.zeros((3, T_S.size))])
+    """What a first-order lag changes: the mean of the past under exp(-u), u in time constants (Gauss and Laguerre)."""
+    past = sum(w * motion.at(T_S - tau_s * u)[:3] for u, w in zip(*LAGUERRE, strict=True))
+    return np.concatenate([past - motion.at(T_S)[:3], np.zeros((3, T_S.size))])
 
 
 def _late(motion: Motion, later_s: Array) -> Array:
@@ -99,6 +95,12 @@ def _late(motion: Motion, later_s: Array) -> Array:
 def _late_one(motion: Motion, later_s: float) -> Array:
     late = _late(motion, np.full(T_S.size, later_s))
     return _on(1, late[1])
+
+
+def _late_accelerations(motion: Motion, later_s: float) -> Array:
+    late = _late(motion, np.full(T_S.size, later_s))
+    late[3:] = 0.0
+    return late
 
 
 def _unknown_motion(motion: Motion) -> Array:
@@ -178,6 +180,7 @@ CASES: dict[str, Truth] = {
     "time_offset": (lambda m, s: _late(m, np.full(T_S.size, 1e-4)), ("time_offset",)),
     "bandwidth_lag": (lambda m, s: _lagged(m, 1e-3), ("bandwidth_lag",)),
     "late channel": (lambda m, s: _late_one(m, 1e-4), ("late_channel",)),
+    "late accelerations": (lambda m, s: _late_accelerations(m, 1e-4), ("late_channel",)),
     # constants of the simulation
     "value of g": (lambda m, s: np.concatenate([s[:3], np.zeros_like(s[3:])]), ("scale",)),
     "unit of rates": (lambda m, s: np.concatenate([np.zeros_like(s[:3]), s[3:]]), ("gyro_scale",)),
@@ -203,6 +206,7 @@ NONLINEAR: dict[str, Callable[[Motion, float], Array]] = {
     "time_offset": lambda m, x: _late(m, np.full(T_S.size, 1e-4 * x)),
     "bandwidth_lag": lambda m, x: _lagged(m, 1e-3 * x),
     "late channel": lambda m, x: _late_one(m, 1e-4 * x),
+    "late accelerations": lambda m, x: _late_accelerations(m, 1e-4 * x),
     "sample rate": lambda m, x: _late(m, 1e-5 * x * T_S),
     "delay by time": lambda m, x: _late(m, 1e-4 * x * np.sin(2 * np.pi * T_S / 45.0)),
 }

@@ -91,6 +91,12 @@ class Channels:
         """Number of rows."""
         return self.t_s.size
 
+    @property
+    def later_s(self) -> AnyArray:
+        """(n,) by how much the clock is taken to be moved."""
+        (delay_s,), (rate,) = self.about.get("time_offset", (0.0,)), self.about.get("clock_skew", (0.0,))
+        return np.asarray(delay_s + rate * (self.t_s - self.t_s[:1]))
+
     def kinds(self) -> dict[str, list[int]]:
         """Channels by what they measure."""
         found: dict[str, list[int]] = {}

@@ -28,8 +28,8 @@ class Prediction:
     """from either end; before, a low-pass shows what it was begun with"""
 
     def at(self, t_s: Array) -> Array:
-        """(C, n)."""
-        return np.stack([curve(t_s) for curve in self.curves])
+        """(C, n). Beyond an end the last value: a curve would go on with the slope of the last rows' noise."""
+        return np.stack([curve(np.clip(t_s, curve.x[0], curve.x[-1])) for curve in self.curves])
 
     def slope(self, t_s: Array) -> Array:
         """(C, n) change per second."""

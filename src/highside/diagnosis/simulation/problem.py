@@ -44,6 +44,7 @@ from highside.diagnosis.simulation.design import (
     parts_of_amounts,
 )
 from highside.diagnosis.simulation.policy import SIMULATION, SIMULATION_CHOICE
+from highside.diagnosis.simulation.same_delay import taken_alike, with_the_other
 from highside.diagnosis.simulation.session import OFFSET, SKEW, SimulationSession
 from highside.diagnosis.simulation.starts import measured_start
 from highside.physics.channel_effect import OnChannels
@@ -96,7 +97,8 @@ class SimulationProblem(RowsProblem):
                 sizes = tuple(max(value, 0.0) if least == 0.0 else value for value, least in values)
                 if any(sizes):
                     about[candidate.id] = sizes
-        return about
+        channels = self.session.as_channels({})
+        return taken_alike(about, channels.kinds(), channels.in_time, len(channels.names))
 
     @classmethod
     def _about(
@@ -151,7 +153,9 @@ class SimulationProblem(RowsProblem):
 
     def completed(self, diagnosis: DiagnosisResult) -> DiagnosisResult:
         # causes and manoeuvres are given for the library's own effects
-        return with_constants(with_jitter(diagnosis, self.noise, self.channels))
+        kinds = [[self.channels[c] for c in own] for own in self.session.as_channels({}).kinds().values()]
+        told = with_the_other(diagnosis, kinds, self._plain.selector.size)
+        return with_constants(with_jitter(told, self.noise, self.channels))
 
     @property
     def policy(self) -> ProblemPolicy:

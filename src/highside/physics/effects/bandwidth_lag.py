@@ -13,7 +13,7 @@ from highside.physics.gravity import gravity_direction, gravity_jacobians
 from highside.physics.state import ChainState
 
 # a first-order lag is the average of the past under exp(-u), u in units of tau: Gauss-Laguerre nodes and weights
-FEW, MANY = (list(zip(*np.polynomial.laguerre.laggauss(count), strict=True)) for count in (4, 12))
+FEW, MANY, PAST = (list(zip(*np.polynomial.laguerre.laggauss(count), strict=True)) for count in (4, 12, 32))
 LAGS_S = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
 """Time constants tried on channels beside another program's prediction."""
 LITTLE = 0.05
@@ -75,16 +75,27 @@ class BandwidthLag(Effect):
         tried = [(tau,) * len(kinds) for tau in LAGS_S if data.step_s / 3 < tau < 0.2 * data.n * data.step_s]
         if any(about):
             tried = [tuple(tau or data.step_s for tau in about)]
-        columns = []
-        for taus in tried:
-            of_channel = np.zeros(len(data.names))
-            for tau, own in zip(taus, kinds.values(), strict=True):
-                of_channel[own] = tau
-            behind = np.stack([lagged(s, data.step_s, tau) for s, tau in zip(data.predicted, of_channel, strict=True)])
-            rows = [np.where(np.isin(np.arange(of_channel.size), own)[:, None], behind, 0.0) for own in kinds.values()]
-            columns.append(np.stack(rows))
+        # of a time constant far below the step a lag shows as a delay: what it is to first order is tried too
+        sets = [] if any(about) or not tried else [[-data.slope for _ in kinds]]
+        sets += [[_behind(data, tau) for tau in taus] for taus in tried]
+        channels = np.arange(len(data.names))[:, None]
+        of_kind = [np.isin(channels, own) for own in kinds.values()]
+        columns = [
+            np.stack([np.where(own, rows, 0.0) for rows, own in zip(made, of_kind, strict=True)]) for made in sets
+        ]
         parameters = tuple(Parameter(f"tau_{kind.replace('/', '_')}", "s", 1e-3, (0.0, 3.0)) for kind in kinds)
         return [ChannelTerm(parameters, tuple(columns), (TIMED, 0, 1), relinearised=True)] if columns else []
+
+
+def _behind(data: Channels, tau: float) -> AnyArray:
+    """(C, n) what a lag changes, for each second of its time constant."""
+    if tau > data.step_s / 3:
+        return np.stack([lagged(s, data.step_s, tau) for s in data.predicted])
+    # a filter that goes on rising up to the edge of the band rings with what is unknown beyond the rows' ends: instead
+    # the mean of what the prediction says of the past
+    later = data.later_s
+    past = sum(w * data.at(later + tau * u) for u, w in PAST)
+    return np.asarray((past - data.at(later)) / tau)
 
 
 EFFECT = BandwidthLag()

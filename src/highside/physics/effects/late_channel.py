@@ -29,8 +29,7 @@ class LateChannel(ChannelEffect):
         others = [c for c in range(len(data.names)) if c != data.in_time]
         if not others:
             return []
-        (delay_s,), (rate,) = data.about.get("time_offset", (0.0,)), data.about.get("clock_skew", (0.0,))
-        later = delay_s + rate * (data.t_s - data.t_s[:1])
+        later = data.later_s
         rows = []
         for c, own_s in zip(others, data.about.get(self.id, (0.0,) * len(others)), strict=True):
             # to first order where none was found yet; what a delay that was found does, in proportion
