@@ -66,3 +66,19 @@ def test_scatter_that_is_correlated_over_much_of_a_session_is_no_silence(seed: i
     assert found.verdict == "not_testable"
     assert not found.claims
     assert "record 80 poses or more" in found.remainder.hints[0]
+
+
+CROSS = {
+    "k_x_xy": 4e-4, "k_x_xz": -1.3e-3, "k_x_yz": -2e-3, "k_y_xy": -1.4e-3, "k_y_xz": 3e-4, "k_y_yz": -3e-4,
+    "k_z_xy": 6e-4, "k_z_xz": 8e-4, "k_z_yz": -1.4e-3,
+}  # fmt: skip
+
+
+def test_what_the_rest_of_the_library_leaves_is_no_noise_to_a_strong_effect() -> None:
+    """It was `unknown`: of 24 poses the columns that could be systematic had no room for nine numbers, and so these
+    passed as noise that is 17 times the true one."""
+    found = api.diagnose(stepped(24, 4, cross_product=CROSS), MODEL).found
+    assert [claim.effect for claim in found.claims] == ["cross_product"]
+    for name, fitted in found.claims[0].parameters.items():
+        assert abs(fitted.value - CROSS[name]) < 5 * fitted.std
+        assert fitted.std < 1e-4

@@ -15,36 +15,27 @@ import numpy as np
 from highside.arrays import Array
 from highside.diagnosis.core.fit import base_fit
 from highside.diagnosis.core.problem import ReportData
-from highside.diagnosis.core.result import Claim, DiagnosisResult, Fit, Location, Remainder, Verdict
-from highside.diagnosis.core.unexplained import hinted
+from highside.diagnosis.core.result import Claim, DiagnosisResult, Fit, Verdict
 from highside.diagnosis.identified_noise import with_identified_noise
+from highside.diagnosis.law_answers import beside_laws, location_of, told_implausible, told_unnamed
 from highside.diagnosis.law_sessions import LawSession, linear
 from highside.diagnosis.laws.claims import ReportedLaw, cases_of_laws, heldout_of, proved, reported_laws
 from highside.diagnosis.laws.effects import EffectGroup
-from highside.diagnosis.laws.free_rivals import as_rivals, with_free_rivals
+from highside.diagnosis.laws.free_rivals import as_rivals, doubted_of, is_clear, with_free_rivals
 from highside.diagnosis.laws.groups import groups_of
 from highside.diagnosis.laws.policy import LAW_SEARCH, LAW_VERDICT
 from highside.diagnosis.laws.search import Found, Search
+from highside.diagnosis.laws.set_angles import may_hide_a_law
 from highside.diagnosis.name_groups import name_groups, resembled
 from highside.diagnosis.names_instead import alike_of, implausible, names_of, with_names_instead
 from highside.physics import effects as library
 from highside.physics.covariates import lag_of
-from highside.physics.effects import title_of
 from highside.physics.forward import ForwardModel
 from highside.physics.law import PREFIX, Law
 
 UNTOUCHED = frozenset({"bad_data", "not_testable"})
 """verdicts of which nothing is to be reported"""
 
-COLUMNS = {
-    "tf": "tf_ref_deg",
-    "inc": "inc_ref_deg",
-    "temp": "temp_c",
-    "time": "t_s",
-    "rate": "rotor_rate_dps",
-    "vibration": "vibration_rms_g",
-}
-"""columns of a recording that covariates of laws are"""
 OFFSETS = frozenset({"offset", "gyro_offset"})
 """places in which a random walk of the zero offset acts"""
 SLOW = frozenset({"time", "temp", "temp_rate"})
@@ -58,10 +49,12 @@ class _Outcome:
     names: tuple[Claim, ...]
     laws: tuple[ReportedLaw, ...]
     found: Found
-    implausible: bool = False
-    """the names explain it, at sizes that no instrument has"""
     renamed: bool = False
     """a name stands where a law was found"""
+    doubted: frozenset[str] = frozenset()
+    """names that are to give way to laws, or have"""
+    implausible: bool = False
+    """the names explain it, at sizes that no instrument has"""
 
 
 def with_laws(
@@ -86,18 +79,19 @@ def with_laws(
         large = tuple(one for one in outcome.laws if (one.claim.share or 0.0) >= LAW_VERDICT.least_share)
         outcome = replace(outcome, laws=large)
     if outcome.implausible and outcome.names:
-        return _refused(diagnosis, outcome), report
-    if not outcome.laws and not outcome.renamed and all(c.effect in known for c in outcome.names):
+        return told_implausible(diagnosis, outcome.names), report
+    if outcome.doubted and not (outcome.laws or outcome.names):
+        return told_unnamed(diagnosis, report, outcome.doubted)
+    changed = outcome.laws or outcome.renamed or outcome.doubted
+    if not changed and all(c.effect in known for c in outcome.names):
         told = {c.effect: c for c in outcome.names}
         diagnosis = replace(diagnosis, claims=tuple(told.get(c.effect, c) for c in diagnosis.claims))
         return with_identified_noise(diagnosis, outcome.found), report
     # rounding is a function of the reading too: what is below half its step is no law
     if not all(np.any(np.abs(one.effect) > session.lattice[:, None] / 2) for one in outcome.laws):
-        return diagnosis, report
+        return told_unnamed(diagnosis, report, outcome.doubted) if outcome.doubted else (diagnosis, report)
     others = tuple(c for c in diagnosis.claims if c not in chain)
-    laws = tuple(
-        replace(one.claim, resembles=resembled(session, model, outcome.found, one.effect)) for one in outcome.laws
-    )
+    laws = tuple(_resembling(session, model, outcome, one) for one in outcome.laws)
     claims = (*others, *outcome.names, *laws)
     verdict: Verdict = "law" if laws else "named"
     if laws and (outcome.names or others):
@@ -124,6 +118,12 @@ def with_laws(
     return made, replace(report, after=after, parts=parts)
 
 
+def _resembling(session: LawSession, model: ForwardModel, outcome: _Outcome, law: ReportedLaw) -> Claim:
+    """The claim of a law with the names that it resembles, those that have given way first."""
+    names = resembled(session, model, outcome.found, law.effect)
+    return replace(law.claim, resembles=tuple(dict.fromkeys((*sorted(outcome.doubted), *names))))
+
+
 def names_before_laws(
     session: LawSession, model: ForwardModel, diagnosis: DiagnosisResult, report: ReportData
 ) -> tuple[DiagnosisResult, ReportData] | None:
@@ -133,38 +133,6 @@ def names_before_laws(
     made, data = with_laws(session, model, diagnosis, report)
     names = {c.effect for c in made.claims}
     return (made, data) if {c.effect for c in diagnosis.claims} <= names else None
-
-
-def with_shares(
-    names: Sequence[Claim], of_names: float, laws: Sequence[Claim]
-) -> tuple[tuple[Claim, ...], tuple[Claim, ...]]:
-    """Two sets of claims, found one after the other, with shares of all that is explained: the first have shares of
-    `of_names`, what they take together; those of the second are amounts in its unit."""
-    total = of_names + sum(claim.share or 0.0 for claim in laws)
-    named = tuple(replace(c, share=None if c.share is None else c.share * of_names / total) for c in names)
-    return named, tuple(replace(claim, share=(claim.share or 0.0) / total) for claim in laws)
-
-
-def beside_laws(remainder: Remainder, claimed: Sequence[str] = ()) -> Remainder:
-    """What is told where laws are claimed: what they resemble, and which names have no constant size."""
-    return Remainder(
-        hints=remainder.hints[: len(remainder.changing)],
-        resembles=tuple(n for n in remainder.resembles if n in library.registry() and n not in claimed),
-        changing=remainder.changing,
-    )
-
-
-def location_of(law: Claim) -> Location:
-    """Where a law acts, by the columns of a recording: along its first covariate where its curve is large."""
-    along = " x ".join(COLUMNS.get(name, name) for name in law.depends_on)
-    intervals: tuple[tuple[float, float], ...] = law.range[:1]
-    if law.curve is not None and len(law.depends_on) == 1:
-        value = np.asarray(law.curve.value) - np.median(law.curve.value)
-        large = np.abs(value) >= LAW_VERDICT.large * np.abs(value).max(initial=0.0)
-        edges = np.flatnonzero(np.diff(np.concatenate([[False], large, [False]]).astype(int)))
-        grid = law.curve.grid
-        intervals = tuple((grid[a], grid[b - 1]) for a, b in zip(edges[::2], edges[1::2], strict=True))
-    return Location(law.channels, along, intervals, None, law.share or 0.0, law.p_familywise)
 
 
 def _explained(diagnosis: DiagnosisResult, report: ReportData) -> bool:
@@ -193,8 +161,8 @@ def _beside_random_walk(outcome: _Outcome, model: ForwardModel) -> _Outcome:
         found = found.only(kept)
     if found is outcome.found:
         return outcome
-    names = with_free_rivals(names_of(found, model), found)
-    return _Outcome(names, tuple(reported_laws(found, model.ids)), found)
+    names, _ = with_free_rivals(names_of(found, model), found)
+    return replace(outcome, names=names, laws=tuple(reported_laws(found, model.ids)), found=found, renamed=False)
 
 
 def _as_slow(found: Found, k: int, effect: str) -> bool:
@@ -218,21 +186,7 @@ def _refused_by_name(
         return None
     outcome = _chosen(session, model, withheld, diagnosis.remainder.resembles, frozenset())
     tied = any(one.startswith(PREFIX) for claim in outcome.names for one in claim.equivalence_class)
-    return None if outcome.laws or tied or not outcome.names else _refused(diagnosis, outcome)
-
-
-def _refused(diagnosis: DiagnosisResult, outcome: _Outcome) -> DiagnosisResult:
-    """What names explain at sizes that no instrument has, with these names."""
-    if len(outcome.names) == 1:
-        alike = outcome.names[0].equivalence_class
-        names = tuple(dict.fromkeys((outcome.names[0].effect, *(n for n in alike if not n.startswith(PREFIX)))))
-    else:
-        names = tuple(claim.effect for claim in outcome.names)
-    others = tuple(name for name in diagnosis.remainder.resembles if name not in names)
-    remainder = replace(diagnosis.remainder, resembles=(*names, *others))
-    told = (" or " if len(outcome.names) == 1 else " and ").join(map(title_of, names))
-    words = f"only {told} would explain it, of a size that no instrument has"
-    return hinted(replace(diagnosis, verdict="implausible_fit", remainder=remainder), words)
+    return None if outcome.laws or tied or not outcome.names else told_implausible(diagnosis, outcome.names)
 
 
 # --- the choice ----------------------------------------------------------------------------------------------
@@ -244,6 +198,7 @@ def _chosen(
     """The names that stay, with the laws that fit as well, and the laws beside them; none of those `refused`."""
     if not claims:
         return _alone(session, model, near, refused)
+    bare = model
     values = {c.effect: values_of_claim(session, model, c) for c in claims}
     model = session.beside(model, values)
     named = model.with_effects(values)
@@ -261,9 +216,13 @@ def _chosen(
         moved += np.tensordot(sizes - _sizes_in(session, model, effect), table, 1)
     problem = session.problem(model, session.residual(named) + moved)
     own = [EffectGroup.of(name, table, session.floor) for name, (table, _) in columns.items()]
+    single: _Outcome | None = None
     if not beside.terms and len(claims) == 1 and beside.next_gain < LAW_VERDICT.beside:
-        told = with_free_rivals(claims, as_rivals(problem, beside, [*first.groups, *own], own))
-        return _Outcome(told, (), beside)
+        simple = as_rivals(problem, beside, [*first.groups, *own], own)
+        told, ahead = with_free_rivals(claims, simple)
+        if is_clear(simple, ahead):
+            return _Outcome(told, (), beside)
+        single = _Outcome(told, (), beside, doubted=doubted_of(simple, ahead))
     search = Search(problem, [*groups_of(problem), *own])
     kept = search.beside(own, beside.terms)
     # a search that begins with a name may not find its way to the one law that stands for it and the rest
@@ -271,12 +230,11 @@ def _chosen(
     # a search among all that ends without a name is one among laws alone
     mixed = any(t.group.effect for t in whole.terms)
     tried = [kept, whole, *([search.without_effects().run()] if mixed else [])]
-
-    def worth(found: Found) -> float:
-        whole = {t.group.effect for t in found.terms if t.group.effect} == {c.effect for c in claims}
-        return found.evidence - LAW_VERDICT.each * len(found.terms) + (LAW_VERDICT.margin if whole else 0.0)
-
-    chosen = max(tried, key=worth)
+    every = {c.effect for c in claims}
+    chosen = max(tried, key=lambda found: _worth(found, every))
+    if single is not None and not chosen.terms:
+        # what its test finds is worth too little here for any claim: the name stays, unless a law would do better
+        return _given_way(session, bare, claims, refused, single)
     cases = cases_of_laws(chosen)
     if cases:
         # a law of the same covariate in the same place says more than the name: the name is a case of it
@@ -288,8 +246,30 @@ def _chosen(
     if found is not chosen:
         names += [c for c in names_of(found, model) if c.effect not in staying]
     left = proved(found)
-    laws = tuple(reported_laws(left, model.ids))
-    return _Outcome(with_free_rivals(names, left), laws, left, renamed=found is not chosen)
+    told, ahead = with_free_rivals(names, left)
+    laws, renamed = tuple(reported_laws(left, model.ids)), found is not chosen
+    return _given_way(session, bare, claims, refused, _Outcome(told, laws, left, renamed, doubted_of(left, ahead)))
+
+
+def _worth(found: Found, names: set[str]) -> float:
+    """Evidence less what each term must be worth; with all of the `names` a law must be ahead by a margin."""
+    whole = {t.group.effect for t in found.terms if t.group.effect} == names
+    return found.evidence - LAW_VERDICT.each * len(found.terms) + (LAW_VERDICT.margin if whole else 0.0)
+
+
+def _given_way(
+    session: LawSession, model: ForwardModel, claims: Sequence[Claim], refused: frozenset[str], outcome: _Outcome
+) -> _Outcome:
+    """What is found without the names in whose place one law does better; where that is nothing, these with their
+    classes, unless errors of the set angles may hide what is there."""
+    doubted = outcome.doubted
+    if not doubted:
+        return outcome
+    staying = [c.effect for c in claims if c.effect not in doubted]
+    found = _alone(session, model, staying, refused | doubted)
+    if found.names or found.laws or may_hide_a_law(outcome.found.noise, outcome.found.problem.n):
+        return replace(found, doubted=doubted)
+    return replace(outcome, doubted=frozenset())
 
 
 def _alone(
@@ -323,7 +303,8 @@ def _alone(
     found = proved(with_names_instead(session, model, found, offered, refused))
     names = names_of(found, model)
     outside = frozenset(claim.effect for claim in names if implausible(claim))
-    unfit = {claim.effect for claim in names if not claim.stable} | cases_of_laws(found)
+    told, ahead = with_free_rivals(names, found)
+    unfit = {claim.effect for claim in names if not claim.stable} | cases_of_laws(found) | doubted_of(found, ahead)
     if outside and len(names) == len(found.terms) and not unfit:
         # names explain it all, at a size that no instrument has: that is said, and nothing else takes their place
         return _Outcome(names, (), found, implausible=True)
@@ -331,7 +312,7 @@ def _alone(
         # beside laws too a size that is no constant, or none that an instrument has, gets no name; nor do others for it
         kept = [claim.effect for claim in names if claim.effect not in unfit | outside]
         return _alone(session, model, kept, frozenset(library.all_effects()) - set(kept))
-    return _Outcome(with_free_rivals(names, found), tuple(reported_laws(found, model.ids)), found)
+    return _Outcome(told, tuple(reported_laws(found, model.ids)), found)
 
 
 def _beyond(session: LawSession, model: ForwardModel, found: Found, residual: Array) -> Array:

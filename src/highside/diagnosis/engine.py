@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from math import comb
 
 import numpy as np
 
@@ -30,6 +29,7 @@ from highside.diagnosis.core.rival_refit import kept, with_best_rival, without_u
 from highside.diagnosis.core.selection import Selector
 from highside.diagnosis.core.serial_correlation import (
     SerialCorrelation,
+    needed_together,
     no_serial_correlation,
     serial_correlation_beside,
     serial_correlation_of,
@@ -230,6 +230,10 @@ def _relinearised_selection(
     effect would be given a name of its own.
     """
     selection, correlation = _selected(problem)
+    learned = problem.learned_beside(selection)
+    if learned is not None:
+        problem = learned
+        selection, correlation = _selected(problem)
     selection = kept(problem, selection, taken_out)
     if correlation.random_walk and not correlation.claimed:
         problem, selection, correlation = _refined(problem, selection, correlation)
@@ -428,23 +432,7 @@ def _choose(
     if (
         problem.policy.slow_beside_fast
         and len(together) > 1
-        and not _needed_together(problem, selector, channels, together)
+        and not needed_together(problem, selector, channels, together)
     ):
         terms = [m for m in terms if m not in together]
     return replace(selection, selector=selector, terms=terms)
-
-
-def _needed_together(
-    problem: Problem[N], selector: Selector, channels: Sequence[Channel], together: Sequence[Term]
-) -> bool:
-    """Whether several terms explain more than noise with memory does in the place of all of them.
-
-    Beside the others each is needed, as these have left the noise no memory; and of so many sets this is the best one.
-    """
-    others = [m for m in selector.fixed if m not in together]
-    dof = len(selector.space_with([*others, *together])) - len(selector.space_with(others))
-    free = len(problem.candidates) - len(selector.banned)
-    tries = comb(free, len(together)) * float(np.prod([selector.candidate_set.tries[m.candidate] for m in together]))
-    return beats_random_walk(
-        channels, problem.block(others), problem.block(together), dof, tries, problem.policy.certain
-    )

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highside.arrays import Array
-from highside.diagnosis.beside_laws import beside_laws, with_shares
 from highside.diagnosis.core.problem import ReportData
 from highside.diagnosis.core.result import DiagnosisResult, Fit, Verdict
+from highside.diagnosis.law_answers import beside_laws, with_shares
 from highside.diagnosis.laws.claims import ReportedLaw, heldout_of
 from highside.diagnosis.laws.search import Found
 from highside.diagnosis.laws.since_move import HeldRows, laws_since_move, without_laws

@@ -23,8 +23,9 @@ from highside.diagnosis.core.result import DiagnosisResult
 from highside.diagnosis.core.serial_correlation import RANDOM_WALK
 from highside.diagnosis.core.unexplained import hinted
 from highside.diagnosis.laws.noise import LawNoise
-from highside.diagnosis.laws.policy import LAW_GROUPS, LAW_VERDICT
+from highside.diagnosis.laws.policy import LAW_VERDICT
 from highside.diagnosis.laws.search import Found
+from highside.diagnosis.laws.set_angles import enough_poses, may_hide_a_law, usual
 from highside.diagnosis.poses.policy import ROWS_MEMORY
 from highside.diagnosis.poses.rows_memory import rows_memory
 from highside.diagnosis.poses.session import PoseSession
@@ -75,37 +76,26 @@ def _identified(diagnosis: DiagnosisResult, found: Found) -> DiagnosisResult:
     if noise.remembers and found.evidence > found.without_memory + LAW_VERDICT.memory:
         return hinted(replace(diagnosis, verdict="wander"), f"what is left is taken for noise: {noise.summary()}")
     repeats = float(noise.factor.max()) <= FLOOR.ratio
-    if found.problem.n >= _enough() or _usual(noise):
+    if found.problem.n >= enough_poses() or usual(noise):
         repeats = repeats or found.to_the_floor > found.evidence - LAW_VERDICT.repeats
     if np.any(noise.jitter > 0) and repeats:
         return hinted(replace(diagnosis, verdict="nothing_left_out"), f"what is left is taken for {_angles(noise)}")
-    if found.problem.n < _enough() and found.to_the_floor > found.evidence - LAW_VERDICT.memory:
+    if found.problem.n < enough_poses() and found.to_the_floor > found.evidence - LAW_VERDICT.memory:
         words = (
             f"in {found.problem.n} poses errors of the set angles cannot be distinguished from readings that repeat "
-            f"badly, nor from something that the angles follow: record {_enough()} poses or more, or each pose several "
-            "times"
+            f"badly, nor from something that the angles follow: record {enough_poses()} poses or more, or each pose "
+            "several times"
         )
         return hinted(replace(diagnosis, verdict="not_testable"), words)
     return diagnosis
-
-
-def _enough() -> int:
-    """Poses in which errors of the set angles are distinguished from a law of them: that of the toolface has the most
-    functions, a cosine and a sine of each order."""
-    return LAW_VERDICT.poses_a_function * max(LAW_GROUPS.cosines, 2 * LAW_GROUPS.orders)
-
-
-def _usual(noise: LawNoise) -> bool:
-    """Whether errors of the set angles are such as any bench makes."""
-    return float(noise.jitter.max(initial=0.0)) <= LAW_VERDICT.set_angles_rad
 
 
 def _undecided_angles(diagnosis: DiagnosisResult, found: Found) -> DiagnosisResult:
     """Errors of the set angles that take much in few poses may be a law of the angles, if no bench explains them."""
     problem, noise = found.problem, found.noise
     taken = float(np.sum((problem.residual / problem.floor) ** 2)) - problem.residual.size
-    enough = _enough()
-    if _usual(noise) or problem.n >= enough or taken < LAW_VERDICT.hidden:
+    enough = enough_poses()
+    if not may_hide_a_law(noise, problem.n) or taken < LAW_VERDICT.hidden:
         return diagnosis
     words = (
         f"what is left is taken for {_angles(noise)}; in {problem.n} poses these cannot be distinguished from "

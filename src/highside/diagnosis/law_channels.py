@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highside.arrays import Array
-from highside.diagnosis.beside_laws import beside_laws, with_shares
 from highside.diagnosis.core.problem import ReportData
 from highside.diagnosis.core.result import Claim, DiagnosisResult, Location, Verdict
 from highside.diagnosis.core.unexplained import hinted
+from highside.diagnosis.law_answers import beside_laws, with_shares
 from highside.diagnosis.laws.claims import ReportedLaw, reported_laws
 from highside.diagnosis.laws.policy import LAW_CELLS, LAW_FLOOR
 from highside.diagnosis.laws.problem import LawProblem, PlaceField

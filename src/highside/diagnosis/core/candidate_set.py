@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from highside.arrays import Array
 from highside.diagnosis.core.candidates import Candidate
 from highside.diagnosis.core.policy import CANDIDATE_SET, REGRESSION
+from highside.diagnosis.core.problem_policy import OWN_NOISE
 from highside.diagnosis.core.regression import ScoreTest, log10_p, outside
 
 
@@ -116,13 +117,33 @@ def ranking(candidate_set: CandidateSet, space: Array, residual: Array, freedom:
         own = np.flatnonzero(candidate_set.owner == k)
         picked[k] = own[np.argmax(score[own])]
         best.append(candidate_set.terms[picked[k]])
+    log_p = np.maximum(
+        log10_p(gain[picked], dof[picked], freedom, candidate_set.tries),
+        _log_p_beside_own(gain[picked], dof[picked], outside(space, residual), len(space), candidate_set.tries),
+    )
     return Ranking(
         best,
         gain[picked],
         dof[picked].astype(float),
-        log10_p(gain[picked], dof[picked], freedom, candidate_set.tries),
+        log_p,
         score[picked] - 2 * np.log(candidate_set.tries),
     )
+
+
+def _log_p_beside_own(gain: Array, dof: NDArray[np.intp], left: Array, used: int, tries: Array) -> Array:
+    """-log10 p against the noise that a candidate itself leaves, where that is far below the noise learned before; else
+    0.
+
+    Of few readings the rich columns hold less than the whole library, and what they lack passes as noise. `left` (N,)
+    is outside of the `used` directions of what is fitted. The scatter of one channel is known to a share of the freedom
+    that is left.
+    """
+    freedom = left.size - used - dof
+    share = freedom / OWN_NOISE.channels
+    variance = np.maximum(float(left @ left) - gain, 0.0) / np.maximum(freedom, 1)
+    quiet = (variance < OWN_NOISE.below) & (share >= OWN_NOISE.freedom)
+    unit = np.maximum(variance, REGRESSION.visible**4)
+    return np.where(quiet, log10_p(gain / unit, dof, np.maximum(share, 1.0), tries), 0.0)
 
 
 def threshold(

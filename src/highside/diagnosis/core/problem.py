@@ -211,6 +211,10 @@ class Problem(ABC, Generic[N]):
         """The problem with another `second_order` (C, n), its noise learned anew or kept; None where none is."""
         return None
 
+    def learned_beside(self, selection: SelectionState[N]) -> Self | None:
+        """The problem with its noise learned beside the terms, where these leave far less than it; None where not."""
+        return None
+
     @abstractmethod
     def locate(
         self, selection: SelectionState[N], signal: Array, space: Array, p: float, share: float

@@ -82,3 +82,22 @@ class ProblemPolicy:
     slow_beside_fast: bool = False
     """Whether effects of time run like those of the programme, so that they must be chosen together. Source: a property
     of a session, no limit: rotations have it."""
+
+
+@dataclass(frozen=True)
+class OwnNoisePolicy:
+    """When what a candidate leaves is the noise it is tested against: of few readings the rich columns hold less than
+    the whole library, and what they lack would pass as noise."""
+
+    below: float = 0.25
+    """Variance, in that of the noise learned before, below which it is. Source: chosen; a cross product in 24 poses
+    left 0.004 of the noise that the rest of the library had left (known/048 of the open world of seed 06d8469), and
+    chance leaves as little as a quarter of ten numbers once in 110 times."""
+    freedom: float = 5.0
+    """Degrees of freedom of one channel's scatter from which it is. Source: chosen; the F test's tail with fewer is so
+    heavy that little is gained by it."""
+    channels: int = 3
+    """Channels, each of which has a scatter of its own. Source: a triad."""
+
+
+OWN_NOISE = OwnNoisePolicy()

@@ -5,15 +5,26 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from math import comb
 from typing import Generic
 
 import numpy as np
 
 from highside.arrays import AnyArray
 from highside.diagnosis.core.candidate_set import Term
-from highside.diagnosis.core.memory import Memory, SlowScore, SlowStage, plain_level, slow_effects, slow_scores
+from highside.diagnosis.core.memory import (
+    Channel,
+    Memory,
+    SlowScore,
+    SlowStage,
+    beats_random_walk,
+    plain_level,
+    slow_effects,
+    slow_scores,
+)
 from highside.diagnosis.core.policy import MEMORY
 from highside.diagnosis.core.problem import N, Problem, SelectionState
+from highside.diagnosis.core.selection import Selector
 
 RANDOM_WALK = "random_walk"
 """what stands for the length of its memory in `diagnosis.json`"""
@@ -117,3 +128,19 @@ def slow_ranking(problem: Problem[N], beside: Sequence[Term], own: int) -> list[
         for s, more in zip(theirs, shift.tolist(), strict=True)
         if s.effect.candidate != own
     ]
+
+
+def needed_together(
+    problem: Problem[N], selector: Selector, channels: Sequence[Channel], together: Sequence[Term]
+) -> bool:
+    """Whether several terms explain more than noise with memory does in the place of all of them.
+
+    Beside the others each is needed, as these have left the noise no memory; and of so many sets this is the best one.
+    """
+    others = [m for m in selector.fixed if m not in together]
+    dof = len(selector.space_with([*others, *together])) - len(selector.space_with(others))
+    free = len(problem.candidates) - len(selector.banned)
+    tries = comb(free, len(together)) * float(np.prod([selector.candidate_set.tries[m.candidate] for m in together]))
+    return beats_random_walk(
+        channels, problem.block(others), problem.block(together), dof, tries, problem.policy.certain
+    )

@@ -7,19 +7,21 @@ of the claim. A law of which the name is nothing but a case is among them only w
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from highside.diagnosis.core.finding_policy import FLOOR
 from highside.diagnosis.core.result import Claim
 from highside.diagnosis.laws.effects import EffectGroup
 from highside.diagnosis.laws.evidence import Families, LawTerm, Whitened
 from highside.diagnosis.laws.groups import LawGroup
 from highside.diagnosis.laws.noise import Whitener
-from highside.diagnosis.laws.policy import LAW_SEARCH
+from highside.diagnosis.laws.policy import LAW_SEARCH, LAW_VERDICT
 from highside.diagnosis.laws.problem import LawProblem
 from highside.diagnosis.laws.search import Found, independent
+from highside.diagnosis.laws.set_angles import may_hide_a_law
 from highside.physics.effects import all_effects
 from highside.physics.law import PREFIX
 
@@ -34,33 +36,56 @@ def as_rivals(problem: LawProblem, beside: Found, groups: list[LawGroup], own: S
     return Found(problem, terms, beside.noise, 0.0, (), (), problem.residual, families)
 
 
-def with_free_rivals(claims: Sequence[Claim], found: Found) -> tuple[Claim, ...]:
+def with_free_rivals(claims: Sequence[Claim], found: Found) -> tuple[tuple[Claim, ...], dict[str, float]]:
     """The claims of names, their classes with the laws that this session cannot tell from them, one by one and all
-    together."""
+    together; and by how many nats each is ahead of the best law in its place, the noise kept."""
     white, terms = found.whitened(), list(found.terms)
     places = {term.group.effect: k for k, term in enumerate(terms) if term.group.effect}
-    together = _rivals(white, terms, list(places.values())) if len(places) > 1 else []
-    told = []
+    together = _rivals(white, terms, list(places.values()))[0] if len(places) > 1 else []
+    told, ahead = [], {}
     for claim in claims:
         if claim.effect not in places:
             told.append(claim)
             continue
-        laws = [*_rivals(white, terms, [places[claim.effect]]), *together]
+        alone, ahead[claim.effect] = _rivals(white, terms, [places[claim.effect]])
+        laws = [*alone, *together]
         more = tuple(dict.fromkeys((*claim.equivalence_class, *laws)))
         # advice that was given before the laws were known: no other *name* explains it as well
         needless = claim.next_manoeuvre.startswith("none needed") and len(more) > 1
         advice = all_effects()[claim.effect].splitter if needless else claim.next_manoeuvre
         told.append(replace(claim, equivalence_class=more, next_manoeuvre=advice))
-    return tuple(told)
+    return tuple(told), ahead
 
 
-def _rivals(white: Whitened, terms: list[LawTerm], which: list[int]) -> list[str]:
-    """Laws that stand for these of the terms as well, the best first."""
+def is_clear(found: Found, ahead: Mapping[str, float]) -> bool:
+    """Whether names need no search without them: each is far ahead of every law, or none is behind and they leave the
+    noise floor alone, so that no noise stands in the place of anything."""
+    noise = found.noise
+    floor = not np.any(noise.jitter > 0) and not noise.remembers and float(noise.factor.max()) <= FLOOR.ratio
+    least = -LAW_VERDICT.ahead if floor else LAW_SEARCH.gain
+    return not found.problem.every_pair or min(ahead.values(), default=np.inf) >= least
+
+
+def doubted_of(found: Found, ahead: Mapping[str, float]) -> frozenset[str]:
+    """The names that are to give way, as one law does better in their place: of stepped sessions, where that was tried.
+
+    Where errors of the set angles may hide a law, a name must itself be clearly better than each: what it leaves is of
+    the size of such errors, and what stands in its place may leave nothing.
+    """
+    if not found.problem.every_pair:
+        return frozenset()
+    least = LAW_SEARCH.gain if may_hide_a_law(found.noise, found.problem.n) else -LAW_VERDICT.ahead
+    return frozenset(name for name, nats in ahead.items() if nats < least)
+
+
+def _rivals(white: Whitened, terms: list[LawTerm], which: list[int]) -> tuple[list[str], float]:
+    """Laws that stand for these of the terms as well, the best first; and how far these are ahead of the best, nats."""
     others = [t for i, t in enumerate(terms) if i not in which]
     gains, _ = white.scores(others, within=np.inf)
     worth = white.total(terms) - white.total(others)
     does = white.left_of(terms, which)
     told: dict[tuple[object, ...], str] = {}
+    laws = [float(gain) for gain, group in zip(gains, white.families.groups, strict=True) if not group.effect]
     for i in np.argsort(-gains):
         group, behind = white.families.groups[int(i)], worth - float(gains[i])
         if behind > LAW_SEARCH.same_confounded or len(told) >= LAW_SEARCH.most_rivals:
@@ -69,4 +94,7 @@ def _rivals(white: Whitened, terms: list[LawTerm], which: list[int]) -> list[str
             continue
         if behind <= LAW_SEARCH.same or (len(which) > 1 and white.reproduces(does, group)):
             told[group.kind] = f"{PREFIX}{group.label}"
-    return list(told.values())
+    ahead = worth - max(laws, default=-np.inf)
+    # the prior of a strong name costs it a share of what it explains: nothing is decided by that
+    costs = LAW_VERDICT.ahead < -ahead < LAW_VERDICT.shrunk * worth
+    return list(told.values()), np.inf if costs else ahead

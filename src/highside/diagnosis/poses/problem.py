@@ -22,7 +22,7 @@ from highside.diagnosis.core.observed import Observed
 from highside.diagnosis.core.policy import RIVALS, SELECTION
 from highside.diagnosis.core.pooled_laws import pooled_laws
 from highside.diagnosis.core.problem import ReportData, SelectionState, parts_of
-from highside.diagnosis.core.problem_policy import ProblemPolicy
+from highside.diagnosis.core.problem_policy import OWN_NOISE, ProblemPolicy
 from highside.diagnosis.core.regression import outside
 from highside.diagnosis.core.result import DiagnosisResult, Location
 from highside.diagnosis.core.rivals import Rivalry, next_poses
@@ -109,6 +109,15 @@ class PoseProblem(StillProblem[PoseNoise]):
         left = self.residual + self.second_order - second_order
         noise = _learned(self.session, left, self.rich, self.tangents, self.method) if learn else self.white_noise
         return replace(self, residual=left, white_noise=noise, second_order=second_order)
+
+    def learned_beside(self, selection: SelectionState[PoseNoise]) -> PoseProblem | None:
+        left = self.mean_square_left(selection)
+        if not selection.terms or left is None or left >= OWN_NOISE.below:
+            return None
+        # what the terms explain was no noise: they are the first of what could be systematic
+        rich = rich_columns(np.concatenate([self.base, self.block(selection.terms)]), self.candidates, self.bases)
+        noise = _learned(self.session, self.residual, rich, self.tangents, self.method)
+        return replace(self, rich=rich, white_noise=noise)
 
     def locate_whole(
         self, selection: SelectionState[PoseNoise], signal: Array, terms: Sequence[Term], p: float, share: float
