@@ -63,7 +63,7 @@ async def a_session(tmp_path: Path, browser: str, shots: Path | None, widths: tu
         await page.until("document.querySelector('h1').textContent.includes('is in force')")
         await asyncio.sleep(1.0)
         await page.click(".languages button[value=de]")
-        await page.until("document.documentElement.lang === 'de' && document.querySelector('.badge.accepted')")
+        await page.until("document.documentElement?.lang === 'de' && document.querySelector('.badge.accepted')")
         assert "in Kraft" in await page.evaluate("document.querySelector('h1').textContent")
         assert page.hosts <= {"127.0.0.1"} and not unheard(page), (page.hosts, page.errors)
 
