@@ -47,7 +47,9 @@ def with_free_rivals(claims: Sequence[Claim], found: Found) -> tuple[tuple[Claim
         if claim.effect not in places:
             told.append(claim)
             continue
-        alone, ahead[claim.effect] = _rivals(white, terms, [places[claim.effect]])
+        alone, nats = _rivals(white, terms, [places[claim.effect]])
+        # a name with a shape of its own stands here at one value of it, and may do better at another
+        ahead[claim.effect] = np.inf if all_effects()[claim.effect].shapes else nats
         laws = [*alone, *together]
         more = tuple(dict.fromkeys((*claim.equivalence_class, *laws)))
         # advice that was given before the laws were known: no other *name* explains it as well
