@@ -61,9 +61,13 @@ def with_free_rivals(claims: Sequence[Claim], found: Found) -> tuple[tuple[Claim
 
 def is_clear(found: Found, ahead: Mapping[str, float]) -> bool:
     """Whether names need no search without them: each is far ahead of every law, or none is behind and they leave the
-    noise floor alone, so that no noise stands in the place of anything."""
-    noise = found.noise
-    floor = not np.any(noise.jitter > 0) and not noise.remembers and float(noise.factor.max()) <= FLOOR.ratio
+    noise floor alone, so that no noise stands in the place of anything.
+
+    Of readings that are one row each no floor is known: it is the same, the least, for all.
+    """
+    noise, unknown = found.noise, float(np.ptp(found.problem.floor)) == 0.0
+    plain = not np.any(noise.jitter > 0) and not noise.remembers
+    floor = plain and (unknown or float(noise.factor.max()) <= FLOOR.ratio)
     least = -LAW_VERDICT.ahead if floor else LAW_SEARCH.gain
     return not found.problem.every_pair or min(ahead.values(), default=np.inf) >= least
 
