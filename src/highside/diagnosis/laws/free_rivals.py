@@ -25,6 +25,9 @@ from highside.diagnosis.laws.set_angles import may_hide_a_law
 from highside.physics.effects import all_effects
 from highside.physics.law import PREFIX
 
+BUILT_IN = f"{all_effects.__module__}."
+"""what the modules of the effects that come with this package begin with"""
+
 
 def as_rivals(problem: LawProblem, beside: Found, groups: list[LawGroup], own: Sequence[EffectGroup]) -> Found:
     """The names `own` as the terms of a search among `groups`, in the noise that was learnt beside them."""
@@ -48,8 +51,11 @@ def with_free_rivals(claims: Sequence[Claim], found: Found) -> tuple[tuple[Claim
             told.append(claim)
             continue
         alone, nats = _rivals(white, terms, [places[claim.effect]])
-        # a name with a shape of its own stands here at one value of it, and may do better at another
-        ahead[claim.effect] = np.inf if all_effects()[claim.effect].shapes else nats
+        # a name with a shape of its own stands here at one value of it, and may do better at another; the curve of an
+        # effect that somebody learned is known as well as their session told, and a law has one of its own here
+        effect = all_effects()[claim.effect]
+        settled = type(effect).__module__.startswith(BUILT_IN) and not effect.shapes
+        ahead[claim.effect] = nats if settled else np.inf
         laws = [*alone, *together]
         more = tuple(dict.fromkeys((*claim.equivalence_class, *laws)))
         # advice that was given before the laws were known: no other *name* explains it as well
