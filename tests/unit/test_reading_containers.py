@@ -29,7 +29,7 @@ from highside.importing.files import open_foreign, refuse_open
 from highside.reading.arrays import npy_array
 from highside.reading.columnar import arrow_columns, mcap_messages, parquet_columns
 from highside.reading.mat5 import mat5_arrays
-from highside.reading.parquet_size import group_bytes
+from highside.reading.parquet_size import group_bytes, row_groups
 from highside.reading.row_groups import GROUP_BYTES, RowGroups
 
 MATLAB = b"MATLAB 5.0 MAT-file".ljust(124) + struct.pack("<H", 0x100) + b"IM"
@@ -421,13 +421,21 @@ def test_pages_of_a_parquet_file_are_counted_by_their_headers(version: str, dict
     )
     data = out.getvalue()
     meta = parquet.read_metadata(io.BytesIO(data))
-    assert meta.num_row_groups == 3
-    for k in range(3):
+    groups = row_groups(lambda at, size: data[at : at + size], len(data))
+    assert meta.num_row_groups == len(groups) == 3
+    for k, group in enumerate(groups):
         said = meta.row_group(k).total_byte_size  # with the headers of the pages
-        counted = group_bytes(meta, k, lambda at, size: data[at : at + size])
+        assert group.stated_bytes == said
+        for j, pages in enumerate(group.columns):
+            column = meta.row_group(k).column(j)
+            begin = column.dictionary_page_offset if column.has_dictionary_page else column.data_page_offset
+            assert (pages.begin, pages.size, pages.values) == (begin, column.total_compressed_size, column.num_values)
+        counted = group_bytes(group, lambda at, size: data[at : at + size])
         assert 0.8 * said < counted < said
     with pytest.raises(ValueError, match="no end"):
-        group_bytes(meta, 2, lambda at, size: data[: meta.row_group(2).column(0).data_page_offset + 3][at : at + size])
+        group_bytes(
+            groups[2], lambda at, size: data[: meta.row_group(2).column(0).data_page_offset + 3][at : at + size]
+        )
 
 
 def varint(number: int, size: int = 0) -> bytes:

@@ -19,7 +19,7 @@ from highside.reading.documents import parse_json
 from highside.reading.expansion import refuse_expansion
 from highside.reading.files import allowed_bytes
 from highside.reading.mcap_size import unpacked_chunks
-from highside.reading.parquet_size import group_bytes
+from highside.reading.parquet_size import group_bytes, row_groups
 from highside.reading.table import MAX_COLUMNS
 
 PARQUET_MAGIC = b"PAR1"
@@ -63,10 +63,10 @@ def parquet_columns(data: bytes, *, where: str) -> list[ReadColumn]:
     def read() -> list[ReadColumn]:
         meta = pq.read_metadata(io.BytesIO(data))
         _fits(meta.num_rows, meta.num_columns, len(data), where)
-        unpacked, pages = sum(meta.row_group(k).total_byte_size for k in range(meta.num_row_groups)), 0
-        refuse_expansion(unpacked, len(data), where=where)
-        for k in range(meta.num_row_groups):
-            pages += group_bytes(meta, k, lambda at, size: data[at : at + size])
+        groups, pages = row_groups(lambda at, size: data[at : at + size], len(data)), 0
+        refuse_expansion(sum(group.stated_bytes for group in groups), len(data), where=where)
+        for group in groups:
+            pages += group_bytes(group, lambda at, size: data[at : at + size])
             refuse_expansion(pages, len(data), where=where)
         leaves = [meta.schema.column(k) for k in range(meta.num_columns)]
         # a text that stands once in the file stands once in the memory

@@ -7,6 +7,7 @@ unpacks as a whole, is held to it.
 from __future__ import annotations
 
 import importlib
+import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,7 +19,7 @@ from numpy.typing import NDArray
 from highside.errors import InputError
 from highside.reading.columnar import PARQUET_MAGIC, column_of_arrow
 from highside.reading.files import open_file, unreadable
-from highside.reading.parquet_size import group_bytes
+from highside.reading.parquet_size import group_bytes, row_groups
 from highside.reading.table import MAX_COLUMNS
 
 BATCH_ROWS = 1 << 16
@@ -53,16 +54,14 @@ class RowGroups:
         try:
             meta = parquet.read_metadata(path)
             schema = meta.schema.to_arrow_schema()
-            largest = max((meta.row_group(k).total_byte_size for k in range(meta.num_row_groups)), default=0)
-            if meta.num_columns <= MAX_COLUMNS:
-                largest = max(largest, _largest_group(path, meta))
+            largest = _largest_group(path) if meta.num_columns <= MAX_COLUMNS else 0
         except InputError:
             raise
         except Exception as error:
             raise _damaged(path, error) from None
         if meta.num_columns > MAX_COLUMNS:
             raise InputError(f"has more than {MAX_COLUMNS} columns", where=str(path), remedy="give the right file")
-        if largest > GROUP_BYTES and meta.num_row_groups:
+        if largest > GROUP_BYTES:
             raise InputError(
                 f"has a row group of {largest} bytes, which is in the memory while it is read",
                 where=str(path),
@@ -83,15 +82,17 @@ class RowGroups:
             raise _damaged(self.path, error) from None
 
 
-def _largest_group(path: Path, meta: Any) -> int:
+def _largest_group(path: Path) -> int:
     """Bytes to which the pages of one row group unpack, at most. Raises ValueError, OSError, InputError."""
     with open_file(path) as file:
+        size = file.seek(0, os.SEEK_END)
 
         def read(at: int, size: int) -> bytes:
             file.seek(at)
             return file.read(size)
 
-        return max((group_bytes(meta, k, read) for k in range(meta.num_row_groups)), default=0)
+        groups = row_groups(read, size)
+        return max((max(group.stated_bytes, group_bytes(group, read)) for group in groups), default=0)
 
 
 def _numbers(name: str, batch: Any) -> NDArray[np.float64]:

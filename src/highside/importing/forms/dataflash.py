@@ -11,10 +11,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from highside.errors import InputError
 from highside.importing.core.source import SourceColumn, SourceTable, number_column
+from highside.importing.forms.missing import damaged
 from highside.reading import decode_foreign
 
 HEAD = b"\xa3\x95"
@@ -38,8 +40,6 @@ _INERTIAL = frozenset({"IMU", "IMU2", "IMU3", "ACC", "GYR", "ACC1", "ACC2", "ACC
 _OURS = {"AccX": "ax_g", "AccY": "ay_g", "AccZ": "az_g", "GyrX": "gx_dps", "GyrY": "gy_dps", "GyrZ": "gz_dps"}
 _RENAMED = {"T": "temperature"}
 """a field whose name says something else elsewhere"""
-_HEAD_FIELD = "\0head"
-"""no field's name has a NUL in it"""
 _MOST_SENSORS = 64
 """of one type: flight controllers have up to six"""
 _LEAST = 3
@@ -55,8 +55,9 @@ class _Kind:
 
     @property
     def dtype(self) -> np.dtype[np.void]:
-        fields = [(_HEAD_FIELD, "S3"), *zip(self.labels, (_PACKED[letter] for letter in self.letters), strict=True)]
-        return np.dtype(fields)  # packed, as it is written
+        """Packed, as it is written: the head of a message, and its fields by their number."""
+        fields = [("head", "S3"), *((str(k), _PACKED[letter]) for k, letter in enumerate(self.letters))]
+        return np.dtype(fields)
 
 
 def is_dataflash(data: bytes) -> bool:
@@ -98,12 +99,13 @@ def read_dataflash(data: bytes, where: str, stem: str) -> tuple[SourceTable, ...
     tables: list[SourceTable] = []
     for number, places in found.items():
         kind = kinds[number]
-        begins = np.array(places)[:, None] + np.arange(kind.length)
-        rows = np.frombuffer(data, np.uint8)[begins].view(kind.dtype).reshape(-1)
+        # only the messages themselves are copied: an index of each byte would take eight times as much
+        rows = sliding_window_view(np.frombuffer(data, np.uint8), kind.length)[places].view(kind.dtype).reshape(-1)
         columns = {}
-        for label, letter in zip(kind.labels, kind.letters, strict=True):
-            if rows[label].dtype.kind != "S":
-                columns[label] = rows[label] / 100.0 if letter in _HUNDREDTHS else rows[label]
+        for k, (label, letter) in enumerate(zip(kind.labels, kind.letters, strict=True)):
+            values = rows[str(k)]
+            if values.dtype.kind != "S":
+                columns[label] = values / 100.0 if letter in _HUNDREDTHS else values
         tables += _tables(kind.name, columns, f"ArduPilot log, {kind.name}", where, remarks)
     return _at_least_one(tables, where)
 
@@ -119,7 +121,8 @@ def read_dataflash_text(data: bytes, where: str, stem: str) -> tuple[SourceTable
         cells = [cell.strip() for cell in content.split(",")]
         name = cells[0]
         if name == "FMT" and len(cells) > 5:
-            labels[cells[3]] = tuple(cells[5:])
+            # the first counts, as in the binary form: rows of two lengths make no table
+            labels.setdefault(cells[3], _distinct(cells[5:], cells[3], f"{where}: line {line}"))
             continue
         if name not in _INERTIAL or name not in labels:
             continue
@@ -147,13 +150,21 @@ def read_dataflash_text(data: bytes, where: str, stem: str) -> tuple[SourceTable
     return _at_least_one(tables, where)
 
 
+def _distinct(labels: list[str], kind: str, where: str) -> tuple[str, ...]:
+    if kind in _INERTIAL and not (all(labels) and len(labels) == len(set(labels))):
+        raise damaged("ArduPilot", ValueError(f"{kind} has a field without a name, or two of one name"), where)
+    return tuple(labels)
+
+
 def _described(content: bytes) -> tuple[int, _Kind | None]:
-    """Type and description; None for one that cannot be (letters that are unknown, a length that is none)."""
+    """Type and description; None for one that cannot be (letters that are unknown, a length that is none, a field that
+    has no name or that of another)."""
     name = content[2:6].split(b"\0")[0].decode("ascii", "replace")
     letters = content[6:22].split(b"\0")[0].decode("ascii", "replace")
     labels = tuple(content[22:86].split(b"\0")[0].decode("ascii", "replace").split(","))
     kind = _Kind(name, letters, labels, content[1])
-    fits = len(labels) == len(letters) == len(set(labels)) and all(letter in _PACKED for letter in letters)
+    named = all(labels) and len(labels) == len(letters) == len(set(labels))
+    fits = named and all(letter in _PACKED for letter in letters)
     return content[0], kind if fits and kind.dtype.itemsize == kind.length else None
 
 

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import contextlib
 import io
-import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -117,6 +116,17 @@ def _topic(name: str, multi: int, arrays: dict[str, Any], where: str, remarks: t
     return SourceTable(columns, f"PX4 ULog, topic {title}", where, title, remarks=remarks, hints=hints)
 
 
+class _Held:
+    """A path to bytes that are there already. A file would give the library as much memory as a damaged header asks
+    for, up to 4 GiB at a time; bytes give what they have."""
+
+    def __init__(self, data: bytes) -> None:
+        self._data = data
+
+    def open(self, _mode: str) -> io.BytesIO:
+        return io.BytesIO(self._data)
+
+
 def read_rosbag(data: bytes, where: str, stem: str) -> tuple[SourceTable, ...]:
     """One table a topic of `sensor_msgs/Imu` in a ROS 1 bag. Raises InputError."""
     try:
@@ -128,22 +138,20 @@ def read_rosbag(data: bytes, where: str, stem: str) -> tuple[SourceTable, ...]:
     size = 0
     try:
         store = ros_store("ros1")
-        # the library opens files by name alone
-        with tempfile.TemporaryDirectory() as folder:
-            path = Path(folder) / "x.bag"
-            path.write_bytes(data)
-            with Reader(path) as bag:
-                for place, chunk in list(bag.chunks.items()):
-                    unpack = bounded_unpacking(chunk.decompressor, len(data), where)
-                    bag.chunks[place] = chunk._replace(decompressor=unpack)
-                for connection, _, raw in bag.messages():
-                    size += len(raw)
-                    if size > allowed_bytes():
-                        raise InputError("expands to more than a file may have", where=where, remedy="split the bag")
-                    if connection.msgtype == IMU:
-                        topics.setdefault(connection.topic, []).append(store.deserialize_ros1(raw, IMU))
-                    else:
-                        others.add(f"{connection.topic} ({connection.msgtype})")
+        reader: Any = Reader(Path(__file__))
+        reader.path = _Held(data)
+        with reader as bag:
+            for place, chunk in list(bag.chunks.items()):
+                unpack = bounded_unpacking(chunk.decompressor, len(data), where)
+                bag.chunks[place] = chunk._replace(decompressor=unpack)
+            for connection, _, raw in bag.messages():
+                size += len(raw)
+                if size > allowed_bytes():
+                    raise InputError("expands to more than a file may have", where=where, remedy="split the bag")
+                if connection.msgtype == IMU:
+                    topics.setdefault(connection.topic, []).append(store.deserialize_ros1(raw, IMU))
+                else:
+                    others.add(f"{connection.topic} ({connection.msgtype})")
     except (InputError, MemoryError):
         raise
     except Exception as error:
