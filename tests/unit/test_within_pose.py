@@ -77,7 +77,38 @@ def test_a_line_is_found_with_its_frequency() -> None:
     assert abs(hz - 1.1) < 0.05 and abs(size - 300) < 60
 
 
-def test_too_few_rows_or_poses_say_nothing() -> None:
+@pytest.mark.parametrize("size_g", [1e-3, 1.0])
+def test_a_course_of_any_shape_is_found_in_few_rows(size_g: float) -> None:
+    few = [r[:6] for r in rows_of()]
+    course = np.zeros((POSES, ROWS))
+    course[:, :6] = size_g * np.array([1, -1, -2, -1, 1, 2]) / 4
+    (found,) = within_poses(recording(course), few, STEP_S)
+    assert "drift alike in every pose" in found.remedy and found.channels == ("ay",)
+    size = float(found.remedy.split("ay by ")[1].split(" ug")[0])
+    assert abs(1e-6 * size / size_g - 1) < 0.3
+
+
+def test_a_course_that_grows_with_the_load_is_found_though_its_mean_is_none() -> None:
     rows = recording(np.zeros((POSES, ROWS)))
-    assert within_poses(rows, [r[:4] for r in rows_of()], STEP_S) == ()
+    load = rows[1].reshape(POSES, ROWS).mean(axis=1, keepdims=True)
+    rows[1] += (5e-3 * (load - load.mean()) * np.linspace(-1, 1, ROWS) ** 2).ravel()
+    few = [r[10:40:5] for r in rows_of()]
+    (found,) = within_poses(rows, few, STEP_S)
+    assert "in proportion to its load" in found.remedy and found.channels == ("ay",)
+
+
+@pytest.mark.parametrize("length", [3, 6, 8])
+@pytest.mark.parametrize("tails", [False, True])
+def test_noise_has_no_course_in_few_rows(length: int, tails: bool) -> None:
+    # 90 sessions: at the chance that is allowed (1e-5 for each of six tests) one alarm has a probability of 0.005
+    for seed in range(15):
+        rng = np.random.default_rng([seed, length])
+        noise = rng.standard_t(3, (3, 60, length)) if tails else rng.standard_normal((3, 60, length))
+        rows = (rng.uniform(-1, 1, (3, 60, 1)) + 1e-4 * noise).reshape(3, -1)
+        assert within_poses(rows, [np.arange(k * length, (k + 1) * length) for k in range(60)], STEP_S) == ()
+
+
+def test_too_few_rows_or_poses_say_nothing() -> None:
+    rows = recording(np.linspace(-1, 1, ROWS) * np.ones((POSES, 1)))
+    assert within_poses(rows, [r[:2] for r in rows_of()], STEP_S) == ()
     assert within_poses(rows, rows_of()[:3], STEP_S) == ()

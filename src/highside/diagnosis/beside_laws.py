@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from highside.arrays import Array
+from highside.diagnosis.core.finding_policy import FLOOR
 from highside.diagnosis.core.fit import base_fit
 from highside.diagnosis.core.problem import ReportData
 from highside.diagnosis.core.result import Claim, DiagnosisResult, Fit, Verdict
@@ -21,11 +22,10 @@ from highside.diagnosis.law_answers import beside_laws, location_of, told_implau
 from highside.diagnosis.law_sessions import LawSession, linear
 from highside.diagnosis.laws.claims import ReportedLaw, cases_of_laws, heldout_of, proved, reported_laws
 from highside.diagnosis.laws.effects import EffectGroup
-from highside.diagnosis.laws.free_rivals import as_rivals, doubted_of, is_clear, with_free_rivals
+from highside.diagnosis.laws.free_rivals import as_rivals, doubted_of, is_clear, leaves_most, with_free_rivals
 from highside.diagnosis.laws.groups import groups_of
 from highside.diagnosis.laws.policy import LAW_SEARCH, LAW_VERDICT
 from highside.diagnosis.laws.search import Found, Search
-from highside.diagnosis.laws.set_angles import may_hide_a_law
 from highside.diagnosis.name_groups import name_groups, resembled
 from highside.diagnosis.names_instead import alike_of, implausible, names_of, with_names_instead
 from highside.physics import effects as library
@@ -231,7 +231,8 @@ def _chosen(
     mixed = any(t.group.effect for t in whole.terms)
     tried = [kept, whole, *([search.without_effects().run()] if mixed else [])]
     every = {c.effect for c in claims}
-    chosen = max(tried, key=lambda found: _worth(found, every))
+    quietest = min(float(found.noise.factor.max()) for found in tried)
+    chosen = max(tried, key=lambda found: _worth(found, every, quietest))
     if single is not None and not chosen.terms:
         # what its test finds is worth too little here for any claim: the name stays, unless a law would do better
         return _given_way(session, bare, claims, refused, single)
@@ -251,23 +252,26 @@ def _chosen(
     return _given_way(session, bare, claims, refused, _Outcome(told, laws, left, renamed, doubted_of(left, ahead)))
 
 
-def _worth(found: Found, names: set[str]) -> float:
-    """Evidence less what each term must be worth; with all of the `names` a law must be ahead by a margin."""
-    whole = {t.group.effect for t in found.terms if t.group.effect} == names
-    return found.evidence - LAW_VERDICT.each * len(found.terms) + (LAW_VERDICT.margin if whole else 0.0)
+def _worth(found: Found, names: set[str], quietest: float) -> float:
+    """Evidence less what each term must be worth; of the `names`, where they explain it all, laws must be ahead by a
+    margin. They do not where laws stand beside them, or where they leave more than the `quietest` noise beside others
+    (in units of the floor)."""
+    whole = {t.group.effect for t in found.terms} == names
+    margin = whole and float(found.noise.factor.max()) <= FLOOR.ratio * quietest
+    return found.evidence - LAW_VERDICT.each * len(found.terms) + (LAW_VERDICT.margin if margin else 0.0)
 
 
 def _given_way(
     session: LawSession, model: ForwardModel, claims: Sequence[Claim], refused: frozenset[str], outcome: _Outcome
 ) -> _Outcome:
     """What is found without the names in whose place one law does better; where that is nothing, these with their
-    classes, unless errors of the set angles may hide what is there."""
+    classes, unless most of what is there is left."""
     doubted = outcome.doubted
     if not doubted:
         return outcome
     staying = [c.effect for c in claims if c.effect not in doubted]
     found = _alone(session, model, staying, refused | doubted)
-    if found.names or found.laws or may_hide_a_law(outcome.found.noise, outcome.found.problem.n):
+    if found.names or found.laws or leaves_most(outcome.found):
         return replace(found, doubted=doubted)
     return replace(outcome, doubted=frozenset())
 

@@ -22,6 +22,7 @@ from highside.diagnosis.core.problem import ReportData
 from highside.diagnosis.core.result import DiagnosisResult
 from highside.diagnosis.core.serial_correlation import RANDOM_WALK
 from highside.diagnosis.core.unexplained import hinted
+from highside.diagnosis.laws.free_rivals import leaves_most
 from highside.diagnosis.laws.noise import LawNoise
 from highside.diagnosis.laws.policy import LAW_VERDICT
 from highside.diagnosis.laws.search import Found
@@ -39,7 +40,7 @@ def with_identified_noise(diagnosis: DiagnosisResult, found: Found) -> Diagnosis
     if diagnosis.verdict == "unknown" and _by_scatter_alone(diagnosis):
         diagnosis = _identified(diagnosis, found)
     if diagnosis.verdict == "nothing_left_out":
-        return _undecided_memory(_undecided_angles(diagnosis, found), found)
+        return _undecided_memory(_far_above_floor(_undecided_angles(diagnosis, found), found), found)
     return diagnosis
 
 
@@ -100,6 +101,23 @@ def _undecided_angles(diagnosis: DiagnosisResult, found: Found) -> DiagnosisResu
     words = (
         f"what is left is taken for {_angles(noise)}; in {problem.n} poses these cannot be distinguished from "
         f"something that the angles follow: record {enough} poses or more, or each pose several times"
+    )
+    return hinted(replace(diagnosis, verdict="not_testable"), words)
+
+
+def _far_above_floor(diagnosis: DiagnosisResult, found: Found) -> DiagnosisResult:
+    """Means that scatter far more than their rows allow are no "nothing", whatever that scatter is taken for."""
+    problem, factor = found.problem, found.noise.factor
+    if not leaves_most(found) or diagnosis.verdict != "nothing_left_out":
+        return diagnosis
+    worst, enough = int(np.argmax(factor)), enough_poses()
+    channel, above = problem.channels[worst], factor[worst]
+    if problem.n >= enough:
+        words = f"{channel} scatters {above:.1f} times more than it repeats"
+        return hinted(replace(diagnosis, verdict="unknown"), words)
+    words = (
+        f"{channel} scatters {above:.1f} times more than it repeats: in {problem.n} poses this cannot be distinguished "
+        f"from something that the angles follow; record {enough} poses or more, or each pose several times"
     )
     return hinted(replace(diagnosis, verdict="not_testable"), words)
 

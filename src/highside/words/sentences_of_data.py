@@ -79,6 +79,7 @@ SAID = (
     said_later("readings creep while a pose is held, each pose its own way"),
     said_later("readings settle within the first %(time)s s of each pose"),
     said_later("readings drift alike in every pose"),
+    said_later("readings drift while a pose is held, in proportion to its load"),
     said_later("readings oscillate at %(rate)s Hz while a pose is held"),
     said_later("%(name)s by %(size)s ug"),
     said_later("turn for 20 s each: %(stretches)s; otherwise: %(what)s"),

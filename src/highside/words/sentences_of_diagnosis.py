@@ -109,6 +109,11 @@ ANSWERS = (
         "%(words)s; in %(poses)s poses these cannot be distinguished from something that the angles follow: record "
         "%(enough)s poses or more, or each pose several times"
     ),
+    said_later("%(channel)s scatters %(above)s times more than it repeats"),
+    said_later(
+        "%(channel)s scatters %(above)s times more than it repeats: in %(poses)s poses this cannot be distinguished "
+        "from something that the angles follow; record %(enough)s poses or more, or each pose several times"
+    ),
     said_later(
         "%(channel)s scatters %(above)s times more than it repeats, correlated over %(memory)s poses: in %(poses)s "
         "poses such noise cannot be distinguished from something slow, as what follows time or temperature is; "

@@ -81,13 +81,21 @@ def is_clear(found: Found, ahead: Mapping[str, float]) -> bool:
 def doubted_of(found: Found, ahead: Mapping[str, float]) -> frozenset[str]:
     """The names that are to give way, as one law does better in their place: of stepped sessions, where that was tried.
 
-    Where errors of the set angles may hide a law, a name must itself be clearly better than each: what it leaves is of
-    the size of such errors, and what stands in its place may leave nothing.
+    Where most of it is left, a name must itself be clearly better than each: what stands in its place may leave
+    nothing.
     """
     if not found.problem.every_pair:
         return frozenset()
-    least = LAW_SEARCH.gain if may_hide_a_law(found.noise, found.problem.n) else -LAW_VERDICT.ahead
+    least = LAW_SEARCH.gain if leaves_most(found) else -LAW_VERDICT.ahead
     return frozenset(name for name, nats in ahead.items() if nats < least)
+
+
+def leaves_most(found: Found) -> bool:
+    """Whether a law may be hidden in what was learned as noise: in errors of the set angles larger than a bench makes,
+    or in readings that scatter far more than their floor says, where that is known."""
+    known = float(np.ptp(found.problem.floor)) > 0.0
+    far = known and float(found.noise.factor.max()) > LAW_VERDICT.most_left
+    return far or may_hide_a_law(found.noise, found.problem.n)
 
 
 def _rivals(white: Whitened, terms: list[LawTerm], which: list[int]) -> tuple[list[str], float]:

@@ -29,15 +29,26 @@ def names_instead(found: Found, offered: Sequence[Sequence[EffectGroup]], believ
 
     Of each effect that is `offered` there is a group at each value of its shapes that is tried.
     """
+    made = _named(found, offered, believed, LAW_VERDICT.margin)
+    if all(term.group.effect for term in made.terms):
+        return made
+    # where laws stay beside it, the library does not hold it all: a name has no right to a margin then
+    return _named(found, offered, believed, 0.0)
+
+
+def _named(found: Found, offered: Sequence[Sequence[EffectGroup]], believed: Believed, margin: float) -> Found:
+    """The search with names that are behind what they stand for by a margin (nats) at most."""
     for _ in range(len(found.terms)):
-        made = _one_instead(found, offered, believed)
+        made = _one_instead(found, offered, believed, margin)
         if made is None:
             break
         found = made
     return found
 
 
-def _one_instead(found: Found, offered: Sequence[Sequence[EffectGroup]], believed: Believed) -> Found | None:
+def _one_instead(
+    found: Found, offered: Sequence[Sequence[EffectGroup]], believed: Believed, margin: float
+) -> Found | None:
     white, terms = found.whitened(), list(found.terms)
     taken = {term.group.effect for term in terms if term.group.effect}
     names = [groups for groups in offered if groups and groups[0].effect not in taken]
@@ -51,7 +62,7 @@ def _one_instead(found: Found, offered: Sequence[Sequence[EffectGroup]], believe
     # the noise learnt again may bring one nearer, but not from far behind
     near = [one for one in sorted(near, key=lambda one: -one[0]) if one[0] > -LAW_SEARCH.same_confounded]
     made = [(_learnt(found, [*others, term]), tied) for _, others, term, tied in near[: LAW_VERDICT.names]]
-    least = _worth(found) - LAW_VERDICT.margin
+    least = _worth(found) - margin
     for one, tied in sorted(made, key=lambda one: -_worth(one[0])):
         if _worth(one) < least:
             break

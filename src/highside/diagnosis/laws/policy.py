@@ -411,6 +411,11 @@ class LawVerdictPolicy:
     hidden: float = 100.0
     """Chi-square above the floor that errors of the set angles take, from which a law may be hidden in them. Source: a
     quarter of the strength at which laws are to be found (400)."""
+    most_left: float = 10.0
+    """Standard deviations of a channel in those of its noise floor, from which a name does not explain what is there.
+    Source: of 51 sessions with effects of the library under nine noises right names left 1.0 to 3.6
+    (studies.open_world, a deck of seed leadtune-a); one of two laws that had a wrong name left 63 (law/258 of b4791ee).
+    """
     repeats: float = 5.0
     """Nats by which readings that repeat worse than they scatter must be ahead of readings that do not, beside errors
     of the set angles, to be what is left. Source: of 26 sessions of 18 to 42 poses without any effect the largest was

@@ -199,7 +199,7 @@ class Search:
         trial = [LawTerm(g, Prior(1.0, 1.0)) for g in (*fixed, *map(self._like, kept))]
         if more := [t.group for t in trial if t.group not in self.groups]:
             self.groups = [*self.groups, *more]
-            self.families = self.families.of(self.groups)
+            self.families = self.families.of(self.groups, self.families.barred)
         state = self._learn(trial, self.problem.residual)
         for _ in range(LAW_SEARCH.rounds):
             white = self._whitened(state)
@@ -305,7 +305,7 @@ class Search:
                 if not alike[best]:
                     self._tried.add(own.groups[best])
                 self.groups.append(own.groups[best])
-                self.families = self.families.of(self.groups)
+                self.families = self.families.of(self.groups, self.families.barred)
                 terms = [LawTerm(own.groups[best], priors[best]) if i == k else t for i, t in enumerate(terms)]
         return terms
 
@@ -327,7 +327,7 @@ class Search:
             return terms
         self._tried.add(best.group)
         self.groups.append(best.group)
-        self.families = self.families.of(self.groups)
+        self.families = self.families.of(self.groups, self.families.barred)
         return [best if i == k else t for i, t in enumerate(terms)]
 
     def _without_time(self, state: _State) -> _State:

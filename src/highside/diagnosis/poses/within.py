@@ -2,9 +2,9 @@
 
 A pose counts by its mean, so what its rows do about that mean would be lost. It is looked at here: the rows of all
 poses, each less its own mean, laid over one another by the time since the stop. A common course (settling of a bench,
-warm-up at each stop) shows in the mean over poses; a course that differs from pose to pose (creep after a change of
-load) in the size of the poses' trends, beyond what neighbouring differences of the rows allow; an oscillation as a line
-in their spectra.
+warm-up at each stop) shows in the mean over poses, whatever its shape, and one that grows with the load in what runs
+with the poses' readings; a course that differs from pose to pose (creep after a change of load) in the size of the
+poses' trends, beyond what neighbouring differences of the rows allow; an oscillation as a line in their spectra.
 """
 
 from __future__ import annotations
@@ -40,15 +40,65 @@ def within_poses(accel_g: Array, rows: Sequence[Ints], row_seconds: float) -> tu
     """What the rows (3, N) do within poses of these row numbers; one finding a kind of course."""
     length = int(np.median([r.size for r in rows])) if rows else 0
     kept = [r[:length] for r in rows if r.size >= length]
-    if length < WITHIN.least_rows or len(kept) < WITHIN.least_poses:
+    if length < WITHIN.fewest_rows or len(kept) < WITHIN.least_poses:
         return ()
+    means = np.stack([accel_g[:, r].mean(axis=1) for r in kept])
     found: dict[str, list[tuple[str, _Course]]] = {}
     for c, name in enumerate(CHANNELS):
         stacked = np.stack([accel_g[c, r] for r in kept])
         left = stacked - stacked.mean(axis=1, keepdims=True)
-        for course in _courses(left, row_seconds, _rounding(stacked, left)):
+        rounding = _rounding(stacked, left)
+        courses = _courses(left, row_seconds, rounding) if length >= WITHIN.least_rows else []
+        for course in courses or _of_any_shape(left, means, row_seconds, rounding):
             found.setdefault(course.words, []).append((name, course))
     return tuple(_finding(words, each) for words, each in found.items())
+
+
+def _of_any_shape(left: Array, means: Array, row_seconds: float, rounding: float) -> list[_Course]:
+    """A course of any shape that rows (poses, length) have in common, and one that grows with the poses' means
+    (poses, 3), from rows less their means, of noise of at least this variance.
+
+    What the poses share is compared with what they do not: sums of squares whose degrees of freedom are those of rows
+    correlated as they are (Satterthwaite, Biometrics Bull. 2, 1946; the trace of a squared covariance from few samples:
+    Srivastava, J. Japan Statist. Soc. 35, 2005).
+    """
+    poses, length = left.shape
+    loads = means - means.mean(axis=0)
+    u, size, _ = np.linalg.svd(loads, full_matrices=False)
+    # columns (poses,) of unit size: a common course, and the loads that differ from pose to pose
+    axes = [np.full((poses, 1), poses**-0.5), u[:, size > WITHIN.least_load * np.sqrt(poses)]]
+    many = poses - sum(one.shape[1] for one in axes)
+    if many < WITHIN.least_poses - 1:
+        axes, many = axes[:1], poses - 1
+    own = left - sum(one @ (one.T @ left) for one in axes)
+    covariance = own.T @ own / many
+    noise = max(float(np.trace(covariance)), rounding * (length - 1))
+    if noise <= 0.0:
+        return []
+    squared = float(np.sum(covariance**2)) - float(np.trace(covariance)) ** 2 / many
+    squared = max(squared * many**2 / ((many - 1) * (many + 2)), noise**2 / (length - 1))
+    freedom = noise**2 / squared
+    found = []
+    for number, one in enumerate(axes):
+        columns = one.shape[1]
+        runs = one.T @ left
+        gain = float(np.sum(runs**2)) / noise
+        p = float(fdtrc(columns * freedom, many * freedom, gain / columns)) if columns else 1.0
+        if p >= WITHIN.chance or gain <= WITHIN.share * freedom:
+            continue
+        course = left.mean(axis=0) if number == 0 else _largest(one @ runs)
+        words = (
+            _settles(course, row_seconds)
+            if number == 0
+            else "readings drift while a pose is held, in proportion to its load"
+        )
+        found.append(_Course(words, float(np.ptp(course)), p))
+    return found
+
+
+def _largest(courses: Array) -> Array:
+    """(length,) the course of the pose in which it is largest."""
+    return np.asarray(courses[int(np.argmax(np.ptp(courses, axis=1)))])
 
 
 def _rounding(rows: Array, left: Array) -> float:
@@ -84,7 +134,7 @@ def _courses(left: Array, row_seconds: float, rounding: float) -> list[_Course]:
     shapes = _shapes(length)
     phi = _memory(left - (left @ shapes.T) @ shapes)
     # rows that are correlated trend by chance: what a filter makes independent is tested
-    white, design = _filtered(left, phi), _filtered(np.vstack([np.ones(length), shapes]), phi)
+    white, design = _clipped(_filtered(left, phi)), _filtered(np.vstack([np.ones(length), shapes]), phi)
     q, r = np.linalg.qr(design.T)
     scores = white @ q
     freedom = poses * (length - 1 - len(design))
@@ -124,6 +174,12 @@ def _memory(left: Array) -> float:
 def _filtered(rows: Array, phi: float) -> Array:
     """Rows (m, length) without their correlation, (m, length - 1)."""
     return np.asarray(rows[:, 1:] - phi * rows[:, :-1])
+
+
+def _clipped(rows: Array) -> Array:
+    """Rows with single values far from all others brought in: one at the end of a pose is no trend of it."""
+    far = WITHIN.clipped * float(np.median(np.abs(rows))) / WITHIN.mad
+    return np.clip(rows, -far, far) if far > 0.0 else rows
 
 
 def _settles(course: Array, row_seconds: float) -> str:

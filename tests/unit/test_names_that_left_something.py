@@ -1,0 +1,47 @@
+"""Sessions of the open world in which a name, or "nothing", stood for a law: each leaves something, and says so now."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from studies.open_world import judging
+from studies.open_world.score import every_case, run_case
+
+B4791EE = "b4791eef1c711eab7dffee6c3d4816169f20cfd7"
+
+
+def answer(seed: str, name: str, folder: Path) -> judging.Row:
+    return run_case(every_case(seed, ("law",))[name](), folder)
+
+
+def test_a_name_that_leaves_more_noise_than_a_law_does_has_no_margin(tmp_path: Path) -> None:
+    # one axis' scale factor follows the temperature in 15 poses; as one of all axes (`reference_voltage`) it left 2.6
+    # times the noise of that axis
+    row = answer(B4791EE, "law/128", tmp_path)
+    found = judging.judged(row)
+    assert found["names"] == [] and found["in_class"]
+    assert found["closed"] > 0.95
+
+
+def test_a_name_that_leaves_sixty_times_the_floor_explains_nothing(tmp_path: Path) -> None:
+    # a dent of the toolface of 2 deg in 12 poses, told as `encoder_first_harmonic`
+    row = answer(B4791EE, "law/258", tmp_path)
+    assert (row["answer"]["verdict"], row["answer"]["claims"]) == ("unknown", [])
+
+
+@pytest.mark.parametrize(
+    ("name", "verdict", "words"),
+    [
+        # 19 poses, 190 times the floor: the angles may have it, and so may a law
+        ("law/052", "not_testable", ""),
+        # six rows a pose in which one axis swings by 12 mg alike; the means of the poses know nothing of it
+        ("law/288", "unknown", "readings drift alike in every pose"),
+    ],
+)
+def test_what_is_far_above_the_floor_is_not_nothing(name: str, verdict: str, words: str, tmp_path: Path) -> None:
+    row = answer("leadtune-a", name, tmp_path)
+    assert row["truth"]["strength"] > 1e5
+    assert row["answer"]["verdict"] == verdict
+    assert words in (tmp_path / "diagnosis.json").read_text()
