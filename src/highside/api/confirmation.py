@@ -8,7 +8,6 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import stdtrit
 
 from highside.api.bench import ModelLike, model_of
 from highside.api.diagnosis import rows_of
@@ -27,6 +26,7 @@ from highside.recording.table import Recording
 from highside.shown.card import card
 from highside.shown.panel import PlotLine, PlotPanel
 from highside.shown.plot import Plot
+from highside.special import stdtrit
 
 __all__ = ["Confirmation", "ConfirmedClaim", "confirm"]
 

@@ -322,7 +322,7 @@ def attitude_std_block(g: Array, cov: Array) -> tuple[Array, Array, BoolArray]:
     `g` is (3, N); `cov` the covariance (6,) of all readings or (6, N) of each, upper triangle (xx, xy, xz, yy, yz, zz)
     in g^2. Raises ValueError for other shapes.
     """
-    from scipy.special import erfc  # a slow import that only this function needs
+    from highside.special import erfc
 
     g, _ = checked(g, ())
     cov = np.asarray(cov, dtype=np.float64)

@@ -12,11 +12,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.special import stdtr, stdtrit
 
 from highside.arrays import Array
 from highside.fleet.policy import COMMON, POOLING
 from highside.fleet.pooling import Pooled, between_tools, conspicuous, left_out, marginal, outlying, pool
+from highside.special import stdtr, stdtrit
 from highside.words import said
 
 __all__ = ["Change", "Common", "LotScores", "LotTested", "Outlier", "Proof", "ToolScores", "judge"]

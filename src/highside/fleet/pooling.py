@@ -17,10 +17,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import fdtrc, stdtr
 
 from highside.arrays import Array
 from highside.fleet.policy import POOLING
+from highside.special import fdtrc, stdtr
 
 __all__ = [
     "LeftOut",

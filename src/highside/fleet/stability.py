@@ -14,7 +14,6 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from scipy.special import stdtr
 
 from highside.arrays import Array
 from highside.calibration.record import CalibrationRecord
@@ -22,6 +21,7 @@ from highside.calibration.sensor import MATRIX_NAMES, OFFSET_NAMES
 from highside.errors import InputError
 from highside.fleet.policy import STABILITY
 from highside.physics.gravity import gravity_direction, gravity_jacobians
+from highside.special import stdtr
 from highside.words import said
 
 __all__ = ["NAMES", "Departure", "Point", "RandomWalk", "Stability", "ToolHistory", "point_of", "stability"]

@@ -18,13 +18,13 @@ from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import stdtr, stdtrit
 
 from highside.arrays import Array
 from highside.attitude.angles import TURN, wrap_signed
 from highside.rotation.bases import fourier_rows
 from highside.rotation.curve import ErrorCurve
 from highside.rotation.samples import Samples
+from highside.special import stdtr, stdtrit
 
 Signs = NDArray[np.int8]
 

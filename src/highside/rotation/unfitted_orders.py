@@ -25,11 +25,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import fdtrc
 
 from highside.arrays import Array
 from highside.attitude.angles import TURN, wrap_positive
 from highside.rotation.samples import Samples
+from highside.special import fdtrc
 
 HIGHEST_ORDER = 120
 """Highest order that is looked at: twice the highest that is fitted, so that what lies beyond that is told."""

@@ -18,11 +18,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import fdtrc
 
 from highside.arrays import Array
 from highside.diagnosis.core.finding_policy import FLOOR
 from highside.diagnosis.core.regression import outside, span
+from highside.special import fdtrc
 
 Ints = NDArray[np.intp]
 

@@ -19,12 +19,12 @@ from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtrc
 
 from highside.arrays import AnyArray, Array
 from highside.diagnosis.core.markov import LevelNoise
 from highside.diagnosis.core.policy import INTERVALS, MEMORY, REGRESSION
 from highside.diagnosis.core.problem_policy import SlowLimits
+from highside.special import chdtrc
 
 
 @dataclass(frozen=True, slots=True)

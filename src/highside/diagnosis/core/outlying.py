@@ -14,11 +14,11 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from scipy.special import chdtrc
 
 from highside.arrays import Array
 from highside.diagnosis.core.finding_policy import OUTLYING
 from highside.diagnosis.core.result import Finding
+from highside.special import chdtrc
 
 CHECK = "outlying_pose"
 

@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.special import betaln, chdtrc, fdtrc, gammaln, ndtri, stdtr, stdtrit
 
 from highside.arrays import Array
 from highside.diagnosis.core.policy import REGRESSION
+from highside.special import betaln, chdtrc, fdtrc, gammaln, ndtri, stdtr, stdtrit
 
 
 def student_beyond(value: Any, freedom: float) -> Any:

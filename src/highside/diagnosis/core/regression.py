@@ -88,9 +88,8 @@ def log10_p(gain: Array, dof: Array | NDArray[np.intp], freedom: Array | float, 
     The noise is known to `freedom` degrees of freedom, which may be infinite (chi squared); `tries` shapes were
     searched (Sidak). There is no largest one: of two effects that are certain the better one is still known.
     """
-    from scipy.special import chdtrc, fdtrc
-
     from highside.diagnosis.core.probability import log10_f_beyond
+    from highside.special import chdtrc, fdtrc
 
     k, above = np.maximum(dof, 1), np.maximum(gain, 0.0)
     known = np.isinf(freedom)

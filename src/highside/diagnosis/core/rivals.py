@@ -12,7 +12,6 @@ from collections.abc import Container, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import fdtri
 
 from highside.arrays import Array
 from highside.diagnosis.core.candidate_set import CandidateSet, Term, span_with
@@ -24,6 +23,7 @@ from highside.diagnosis.core.result import Detectable, NotTestable
 from highside.diagnosis.core.selection import Selector
 from highside.physics.forward import ForwardModel
 from highside.physics.state import ChainState
+from highside.special import fdtri
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ from highside.physics.effects.dropped_frames import EFFECT as DROPPED_FRAMES
 
 def chance(count: int, of: int, rate: float) -> float:
     """Probability of at least `count` among `of` where each happens with `rate`: an exact binomial tail."""
-    from scipy.special import bdtrc
+    from highside.special import bdtrc
 
     return 1.0 if count <= 0 else float(bdtrc(count - 1, of, rate))
 

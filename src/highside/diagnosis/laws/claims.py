@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtrc
 
 from highside.arrays import Array
 from highside.diagnosis.core.finding_policy import STABILITY
@@ -25,6 +24,7 @@ from highside.physics.covariates import covariate
 from highside.physics.effect import Effect
 from highside.physics.law import PREFIX, Law, slug_beside
 from highside.physics.places import PLACES
+from highside.special import chdtrc
 
 Bools = NDArray[np.bool_]
 FRACTION = "tf_fraction"

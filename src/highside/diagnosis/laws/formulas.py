@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
-from scipy.special import chdtrc
 
 from highside.arrays import Array
 from highside.diagnosis.core.regression import flattened
@@ -19,6 +18,7 @@ from highside.diagnosis.laws.search import Found
 from highside.physics.covariates import covariate
 from highside.physics.law import Axis, Function, Law
 from highside.physics.places import PLACES
+from highside.special import chdtrc
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.special import fdtrc
 
 from highside.arrays import Array
 from highside.diagnosis.core.candidates import Candidate
@@ -17,6 +16,7 @@ from highside.diagnosis.core.regression import log10_p, outside, span
 from highside.diagnosis.magnitude.policy import MAGNITUDE_NOISE
 from highside.diagnosis.magnitude.session import MagnitudeSession
 from highside.physics.effect import Stage
+from highside.special import fdtrc
 
 
 def rich_columns(base: Array, candidates: Sequence[Candidate], bases: Sequence[Basis]) -> Array:

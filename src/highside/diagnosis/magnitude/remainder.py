@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.special import fdtrc
 
 from highside.arrays import Array
 from highside.diagnosis.core.candidates import Candidate
@@ -17,6 +16,7 @@ from highside.diagnosis.core.result import DiagnosisResult
 from highside.diagnosis.core.unexplained import hinted, words_of
 from highside.diagnosis.magnitude.policy import MAGNITUDE_NOISE
 from highside.diagnosis.magnitude.session import MagnitudeSession
+from highside.special import fdtrc
 
 READINGS = "magnitudes of still readings"
 

@@ -21,7 +21,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import chdtrc, chdtri
 
 from highside.arrays import Array
 from highside.diagnosis.core.markov import VectorNoise
@@ -29,6 +28,7 @@ from highside.diagnosis.core.memory import Memory, intervals
 from highside.diagnosis.core.policy import FITS
 from highside.diagnosis.core.regression import outside, span
 from highside.diagnosis.poses.policy import POSE_NOISE
+from highside.special import chdtrc, chdtri
 
 
 @dataclass(frozen=True)

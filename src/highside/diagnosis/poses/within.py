@@ -14,13 +14,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import fdtrc
 
 from highside.arrays import Array
 from highside.diagnosis.core.finding_policy import FLOOR
 from highside.diagnosis.core.floor import lattice_step, rounding_variance
 from highside.diagnosis.core.result import DiagnosisResult, Finding
 from highside.diagnosis.poses.policy import WITHIN
+from highside.special import fdtrc
 
 Ints = NDArray[np.intp]
 CHANNELS = ("ax", "ay", "az")

@@ -10,13 +10,13 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.special import chdtrc
 
 from highside.diagnosis.core.policy import INTERVALS
 from highside.diagnosis.core.result import Claim, DiagnosisResult, FittedParameter, Location
 from highside.diagnosis.rows.noise import RotationNoise
 from highside.diagnosis.rows.policy import JITTER
 from highside.physics.effects.sampling_jitter import EFFECT
+from highside.special import chdtrc
 
 CLAIMING = ("nothing_left_out", "named", "named_plus")
 

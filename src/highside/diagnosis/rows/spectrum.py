@@ -32,7 +32,7 @@ def strongest_line(rows: Array, places: Array) -> float | None:
 def highest(power: Array, skip: NDArray[np.bool_]) -> tuple[int, int] | None:
     """Cell and strongest channel of the highest peak of spectra (C, cells) above their neighbourhood, if it is
     more than chance gives: each in units of its local level is exponential, so their sum has a gamma distribution."""
-    from scipy.special import gammainccinv
+    from highside.special import gammainccinv
 
     ratio = heights(power)
     total = np.where(skip, 0.0, ratio.sum(axis=0))

@@ -12,12 +12,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.special import chdtrc
 
 from highside.diagnosis.core.result import Claim, DiagnosisResult
 from highside.diagnosis.simulation.policy import CONSTANTS
 from highside.diagnosis.simulation.session import SKEW
 from highside.physics.effects.gyro_scale import EFFECT as GYRO_SCALE
+from highside.special import chdtrc
 
 WORDS = {
     "scale": "all accelerations {factor} the prediction: the simulation's value of g, or its unit, may be off",

@@ -27,7 +27,6 @@ from itertools import combinations, pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtrc, ndtr, ndtri
 
 from highside.arrays import Array
 from highside.diagnosis.core.location import intervals
@@ -37,6 +36,7 @@ from highside.diagnosis.core.unexplained import hinted
 from highside.diagnosis.simulation.policy import BAND
 from highside.diagnosis.simulation.session import unit_of
 from highside.physics.channels import kind_of
+from highside.special import chdtrc, ndtr, ndtri
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import stdtr
 
 from highside.arrays import Array
 from highside.diagnosis.core.policy import INTERVALS
@@ -34,6 +33,7 @@ from highside.diagnosis.simulation.motion import MissingMotion, sized
 from highside.diagnosis.simulation.policy import BAND, MOTION, SIMULATION_COLUMNS
 from highside.diagnosis.simulation.session import RATES, SimulationSession
 from highside.physics.effect import AXES
+from highside.special import stdtr
 
 
 @dataclass(frozen=True)

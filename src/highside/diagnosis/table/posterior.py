@@ -406,7 +406,7 @@ def _moved(particle: _Particle, rng: np.random.Generator) -> Array:
 
 def _constant(size: int) -> float:
     """What the density of a Student distribution of this dimension leaves out (negative logarithm)."""
-    from scipy.special import gammaln
+    from highside.special import gammaln
 
     log = (
         gammaln((POSTERIOR.freedom + size) / 2)
