@@ -20,7 +20,6 @@ from highside.diagnosis.core.method import WHOLE, ProcedureParts
 from highside.diagnosis.core.problem import ReportData
 from highside.diagnosis.core.result import Claim, DiagnosisResult, Finding, Fit, Location, Remainder, Verdict
 from highside.diagnosis.recording import ACCELEROMETERS, GYROS, Request, diagnose_columns, rotates
-from highside.diagnosis.simulation.alignment import Align
 from highside.errors import InputError
 from highside.physics.noise import std_of_average
 from highside.physics.plan import Site
@@ -36,6 +35,7 @@ from highside.version import __version__
 from highside.words.said import said
 
 if TYPE_CHECKING:
+    from highside.diagnosis.simulation.alignment import Align
     from highside.diagnosis.table.engine import SummaryReportData
 
 __all__ = ["Diagnosis", "diagnose", "diagnose_table", "rows_of"]

@@ -9,12 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from highside.diagnosis.beside_laws import names_before_laws, with_laws
-from highside.diagnosis.beside_noise import beside_noise
-from highside.diagnosis.closed_rivals import with_closed_rivals
 from highside.diagnosis.core.candidate_set import Term
 from highside.diagnosis.core.candidates import INCLINATION_STATION
 from highside.diagnosis.core.conclusion import conclude, is_significant
@@ -37,27 +36,17 @@ from highside.diagnosis.core.serial_correlation import (
 )
 from highside.diagnosis.core.unexplained import hinted
 from highside.diagnosis.identified_noise import with_remembering_rows
-from highside.diagnosis.law_channels import UNTOUCHED, with_channel_laws
 from highside.diagnosis.law_sessions import ChainSession, MagnitudeLaws
-from highside.diagnosis.magnitude.problem import MagnitudeProblem
-from highside.diagnosis.magnitude.session import MagnitudeSession
 from highside.diagnosis.poses.problem import PoseProblem
 from highside.diagnosis.poses.session import PoseSession
-from highside.diagnosis.rotation.lines import searched
-from highside.diagnosis.rotation.pilot import PilotFit, may_be_nonlinear
-from highside.diagnosis.rotation.policy import PILOT
-from highside.diagnosis.rotation.problem import RotationProblem
-from highside.diagnosis.rows.colour import with_long_memory
-from highside.diagnosis.rows.noise import windows
-from highside.diagnosis.rows.policy import GRAMS, ROW_SESSIONS
-from highside.diagnosis.rows.session import RotationSession
-from highside.diagnosis.simulation.measured_clock import with_measured_clock
-from highside.diagnosis.simulation.missing_turn import missing_turn
-from highside.diagnosis.simulation.motion import missing_motion, with_missing_motion
-from highside.diagnosis.simulation.noise_of_sensors import beside_noise_of_sensors, white_of
-from highside.diagnosis.simulation.problem import SimulationProblem
-from highside.diagnosis.simulation.session import SimulationSession
 from highside.physics.forward import ForwardModel
+
+if TYPE_CHECKING:
+    # of kinds of reference other than poses: loaded by those who have one
+    from highside.diagnosis.magnitude.session import MagnitudeSession
+    from highside.diagnosis.rotation.problem import RotationProblem
+    from highside.diagnosis.rows.session import RotationSession
+    from highside.diagnosis.simulation.session import SimulationSession
 
 __all__ = [
     "ReportData",
@@ -99,6 +88,8 @@ def diagnose_rotation(
 
     What is found in a short one must also stand where levels of the noise are followed in finer blocks.
     """
+    from highside.diagnosis.rows.policy import GRAMS
+
     answer = _diagnosed_rotation(session, model, free, seed=seed, version=version, method=method)
     short = not session.long and session.n <= GRAMS.block_rows * GRAMS.max_blocks
     if not short or not method.colour or answer[0].verdict not in ("unknown", "partial", "named", "named_plus", "law"):
@@ -124,6 +115,12 @@ def _diagnosed_rotation(
     Of a long one some rows are diagnosed first: strong effects show there, and what they do beyond first order is known
     before all rows are passed through.
     """
+    from highside.diagnosis.beside_noise import beside_noise
+    from highside.diagnosis.rotation.pilot import PilotFit, may_be_nonlinear
+    from highside.diagnosis.rotation.policy import PILOT
+    from highside.diagnosis.rotation.problem import RotationProblem
+    from highside.diagnosis.rows.colour import with_long_memory
+
     pilot = None
     if session.n > PILOT.many_rows and may_be_nonlinear(session, model, free, seed):
         rows = session.thinned(PILOT.pilot_rows, seed)
@@ -162,6 +159,10 @@ def _for_laws(session: RotationSession, free: Sequence[str], problem: RotationPr
 
 def by_samples(session: RotationSession, *, laws: bool) -> str:
     """What was not done with all rows of a recording that is not in the memory, in words."""
+    from highside.diagnosis.rotation.lines import searched
+    from highside.diagnosis.rows.noise import windows
+    from highside.diagnosis.rows.policy import ROW_SESSIONS
+
     part, count = searched(session), session.sample_rows.size
     learned = sum(window.stop - window.start for window in windows(session.n))
     words = (
@@ -178,6 +179,9 @@ def diagnose_magnitudes(
     session: MagnitudeSession, model: ForwardModel, free: Sequence[str], *, seed: int = 1, version: str = ""
 ) -> tuple[DiagnosisResult, ReportData]:
     """As `diagnose_poses`, for n still readings of which only the magnitude is known."""
+    from highside.diagnosis.closed_rivals import with_closed_rivals
+    from highside.diagnosis.magnitude.problem import MagnitudeProblem
+
     problem = MagnitudeProblem.of(session, model, tuple(free), seed)
     answer = diagnose(problem, version)
     if answer[0].verdict == "not_testable" or session.few:
@@ -198,6 +202,14 @@ def diagnose_simulation(
 ) -> tuple[DiagnosisResult, ReportData]:
     """Diagnose channels beside another program's prediction of them; `free` are ids of effects that are refitted. Of
     `method` it is only asked whether laws are sought."""
+    from highside.diagnosis.law_channels import UNTOUCHED, with_channel_laws
+    from highside.diagnosis.rows.colour import with_long_memory
+    from highside.diagnosis.simulation.measured_clock import with_measured_clock
+    from highside.diagnosis.simulation.missing_turn import missing_turn
+    from highside.diagnosis.simulation.motion import missing_motion, with_missing_motion
+    from highside.diagnosis.simulation.noise_of_sensors import beside_noise_of_sensors, white_of
+    from highside.diagnosis.simulation.problem import SimulationProblem
+
     problem = SimulationProblem.beside(session, tuple(free), seed)
     found, report = with_measured_clock(problem, *diagnose(problem, version))
     beside = problem.session

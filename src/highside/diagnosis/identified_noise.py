@@ -28,7 +28,6 @@ from highside.diagnosis.laws.policy import LAW_VERDICT
 from highside.diagnosis.laws.search import Found
 from highside.diagnosis.laws.set_angles import enough_poses, may_hide_a_law, usual
 from highside.diagnosis.poses.policy import ROWS_MEMORY
-from highside.diagnosis.poses.rows_memory import rows_memory
 from highside.diagnosis.poses.session import PoseSession
 from highside.diagnosis.poses.within import CHECK as WITHIN_POSE
 
@@ -51,6 +50,8 @@ def with_remembering_rows(
     with a memory, or cannot tell it from something left out; `base` (P, 3, n) may be refitted."""
     if diagnosis.verdict != "unknown" or not _by_scatter_alone(diagnosis):
         return diagnosis, report
+    from highside.diagnosis.poses.rows_memory import rows_memory
+
     known = rows_memory(session, base)
     if known is None or known.nats <= -ROWS_MEMORY.found:
         return diagnosis, report

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,17 +24,17 @@ from highside.diagnosis.laws.groups import HISTORY
 from highside.diagnosis.laws.noise import step_of
 from highside.diagnosis.laws.policy import LAW_CELLS, LAW_FLOOR
 from highside.diagnosis.laws.problem import CovariateValues, LawProblem, PlaceField, fields_that_act
-from highside.diagnosis.magnitude.observed import Magnitudes
-from highside.diagnosis.magnitude.session import MagnitudeSession
 from highside.diagnosis.poses.session import PoseSession
-from highside.diagnosis.rotation.lines import found_orders
-from highside.diagnosis.rotation.policy import PILOT
-from highside.diagnosis.rows.session import RotationSession
 from highside.physics.effect import Effect
 from highside.physics.forward import ForwardModel
 from highside.physics.law import Law, LawEffect
 from highside.physics.places import PLACES
 from highside.physics.state import ChainState
+
+if TYPE_CHECKING:
+    from highside.diagnosis.magnitude.observed import Magnitudes
+    from highside.diagnosis.magnitude.session import MagnitudeSession
+    from highside.diagnosis.rows.session import RotationSession
 
 Ints = NDArray[np.intp]
 Effects = Mapping[str, Mapping[str, float]]
@@ -91,6 +91,8 @@ class ChainSession:
     @classmethod
     def of_rotation(cls, session: RotationSession, free: Sequence[str], residual: Array) -> ChainSession:
         """Cells of the rows; their floor is the scatter within. `residual` (C, n) is what the base fit leaves."""
+        from highside.diagnosis.rotation.lines import found_orders
+
         orders = found_orders(session, residual)
         cells = cells_of(session, _sectors(session, orders))
         # a cell of one row has no scatter within
@@ -130,7 +132,11 @@ class ChainSession:
     @cached_property
     def observed(self) -> Observed:
         """All readings."""
-        return Observed(self.state, self.readings, self.cells is not None and self.state.n > PILOT.many_rows)
+        if self.cells is None:
+            return Observed(self.state, self.readings, False)
+        from highside.diagnosis.rotation.policy import PILOT
+
+        return Observed(self.state, self.readings, self.state.n > PILOT.many_rows)
 
     @cached_property
     def reduced_observed(self) -> Observed:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,14 +22,7 @@ from highside.diagnosis.held_poses import with_since_move, without_since_move
 from highside.diagnosis.intake.checks import Intake, check, missing_rows
 from highside.diagnosis.intake.clipped import with_clipping, without_clipped_poses, without_meaning
 from highside.diagnosis.intake.long import check_stretches
-from highside.diagnosis.magnitude.outlying import too_few, without_outlying_readings
-from highside.diagnosis.magnitude.session import magnitude_session, nothing_testable
 from highside.diagnosis.poses.session import PoseSession, pose_session, without_outlying_poses
-from highside.diagnosis.rotation.unknown_site import without_site
-from highside.diagnosis.rows.session import rotation_session
-from highside.diagnosis.simulation.alignment import Align
-from highside.diagnosis.simulation.intake import check_prediction
-from highside.diagnosis.simulation.session import SimulationSession, simulation_session
 from highside.diagnosis.untimed import WITHOUT_TIMES, without_clock
 from highside.errors import InputError
 from highside.long_arrays import concatenated, is_long
@@ -39,6 +33,10 @@ from highside.physics.forward import ForwardModel
 from highside.physics.plan import Site
 from highside.physics.state import differences
 from highside.words.said import said
+
+if TYPE_CHECKING:
+    from highside.diagnosis.simulation.alignment import Align
+    from highside.diagnosis.simulation.session import SimulationSession
 
 __all__ = ["ACCELEROMETERS", "GYROS", "KINDS", "Answer", "Kind", "Request", "diagnose_columns", "rotates"]
 
@@ -122,6 +120,8 @@ def diagnose_columns(request: Request) -> Answer:
     if not request.timed:
         answer = replace(answer, diagnosis=without_clock(answer.diagnosis), notes=(*answer.notes, WITHOUT_TIMES))
     if np.isnan(request.site.latitude_rad) and "inc_ref_deg" in request.columns:
+        from highside.diagnosis.rotation.unknown_site import without_site
+
         answer = replace(answer, diagnosis=without_site(answer.diagnosis, request.columns["inc_ref_deg"]))
     # another program's prediction holds effects of its own, not those of the model
     known = {} if request.predicted is not None else request.forward.parameters()
@@ -232,6 +232,8 @@ def rotates(columns: Columns) -> bool:
 
 def _rotation(request: Request) -> Answer:
     """Continuous rotation with a known reference, row by row."""
+    from highside.diagnosis.rows.session import rotation_session
+
     lacking: tuple[Finding, ...] = request.lacking
     if not request.long:
         request, lacking = _without_missing(request, "inc_ref_deg", _toolface(request.columns))
@@ -270,6 +272,9 @@ def _gyro(request: Request) -> Array | None:
 
 def _magnitude(request: Request) -> Answer:
     """Still readings of which only |g| is known; without enough of them the verdict is `not_testable`."""
+    from highside.diagnosis.magnitude.outlying import too_few, without_outlying_readings
+    from highside.diagnosis.magnitude.session import magnitude_session, nothing_testable
+
     request, lacking = _without_missing(request)
     found = check(request.columns, (), request.axes, attitude=False, every_row=False)
     found = _with_lacking(found, lacking)
@@ -291,6 +296,9 @@ def _magnitude(request: Request) -> Answer:
 
 def _beside(request: Request) -> Answer:
     """Any channels beside another program's prediction of them."""
+    from highside.diagnosis.simulation.intake import check_prediction
+    from highside.diagnosis.simulation.session import simulation_session
+
     if request.predicted is None:
         raise InputError(
             "the model says that another program predicts the recording",
