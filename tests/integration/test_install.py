@@ -276,14 +276,12 @@ def test_the_core_at_the_desk(core: Installed, project_root: Path, bench_data: P
     works("calibrate", "solve", poses, "--method", "joint", "--tool", "bench-1", "--store", "cals", "-o", "cal.json")
     works("calibrate", "activate", "cal.json", "--store", "cals")
     works("calibrate", "apply", "cal.json", bench_data / "session.csv", "-o", "corrected.csv")
-    # without matplotlib the answer and a page without figures
-    done = works("diagnose", poses, "--model", model, "--out", "report")
-    assert "report.html: without figures: they need matplotlib (pip install 'highside[plot]')" in done.stderr
+    # the answer and its page, whose pictures need no matplotlib
+    works("diagnose", poses, "--model", model, "--out", "report")
     assert json.loads((tmp_path / "report" / "diagnosis.json").read_text())["verdict"] == "named"
     page = (tmp_path / "report" / "report.html").read_text()
-    assert "without figures" in page
     assert "base_tilt" in page
-    assert "<svg" not in page
+    assert page.count("<svg") >= 3
 
 
 def test_what_the_core_lacks_is_said_before_the_work(
@@ -322,12 +320,7 @@ def reads_a_dbc(it: Installed, _root: Path, _data: Path, folder: Path) -> None:
     assert len((folder / "out.csv").read_text().splitlines()) >= 9
 
 
-def draws(it: Installed, root: Path, data: Path, folder: Path) -> None:
-    model = root / "config" / "model-known.toml"
-    done = it.highside("diagnose", data / "poses.csv", "--model", model, "--out", folder / "report")
-    assert done.returncode == 0, done.stderr
-    assert "without figures" not in done.stderr
-    assert "<svg" in (folder / "report" / "report.html").read_text()
+def draws(it: Installed, _root: Path, data: Path, folder: Path) -> None:
     done = it.highside("calibrate", "certificate", data / "cal.json", "-o", folder / "cert.html")
     assert done.returncode == 0, done.stderr
     assert "<svg" in (folder / "cert.html").read_text()

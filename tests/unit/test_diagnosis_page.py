@@ -28,8 +28,8 @@ from highside.physics.plan import RotationPlan, Session, Site
 from highside.report.diagnosis_figures import over_time, residuals
 from highside.report.diagnosis_page import _places, page_of
 from highside.report.diagnosis_words import axis_name, proof, rounded, shown, sizes, verdict_words
+from highside.report.drawing import Line, Panel, Points
 from highside.report.misfit_steps import steps_of
-from highside.report.plots import plotting
 
 
 def report_data(before: np.ndarray) -> ReportData:
@@ -52,18 +52,16 @@ def report_data(before: np.ndarray) -> ReportData:
 )
 def test_a_residual_is_drawn_along_what_its_intervals_are_reported_in(covariate: str, label: str) -> None:
     place = Location(("ax", "ay"), covariate, ((-720.0, -360.0),), None, 1.0, 1e-9)
-    with plotting():
-        figures = residuals(report_data(np.array(1e-5)), place)
-        assert [f.axes[0].get_xlabel() for f in figures] == [label, label]
+    pictures = residuals(report_data(np.array(1e-5)), place)
+    assert [p.panels[0][0].x_label for p in pictures] == [label, label]
 
 
 def test_what_cancels_in_the_mean_is_drawn_as_rms() -> None:
     place = Location(("ax",), "rotor_rate_dps x tf_ref_deg", ((360.0, 720.0),), None, 1.0, 1e-9)
-    with plotting():
-        axis = residuals(report_data(np.array(1e-5)), place)[0].axes[0]
-        assert [text.get_text() for text in axis.get_legend().get_texts()] == ["before (rms)"]
-        rms = axis.get_lines()[1].get_ydata()
-        assert rms[0] > 3 * rms[len(rms) // 2]
+    panel = residuals(report_data(np.array(1e-5)), place)[0].panels[0][0]
+    assert [mark.label for mark in panel.labelled()] == ["before (rms)"]
+    rms = lines_of(panel)[0].y
+    assert rms[0] > 3 * rms[len(rms) // 2]
 
 
 def test_of_an_effect_its_own_residual_is_drawn_and_what_is_left_in_units_of_the_noise() -> None:
@@ -78,21 +76,27 @@ def test_of_an_effect_its_own_residual_is_drawn_and_what_is_left_in_units_of_the
         covariates={"temp_c": along}, sigma=(1e-5, 1e-5, 1e-5), recorded=one.after + large + small,
     )  # fmt: skip
     place = Location(("ax",), "temp_c", ((20.0, 40.0),), None, 1.0, 1e-9)
-    with plotting():
-        above, left = residuals(both, place, "temperature_bias")[0].axes
-        assert "sigma" in left.get_ylabel()
-        points = above.get_lines()[0].get_ydata()
-        assert np.ptp(points) < 400, "ug: the steps of 100,000 ug are taken off"
-        fitted = above.get_lines()[-2].get_ydata()
-        assert fitted[0] == pytest.approx(-100, abs=3) and fitted[-1] == pytest.approx(100, abs=3)
-        assert 0.5 < np.std(left.get_lines()[0].get_ydata()) < 2.0, "noise is one sigma"
-        figure = over_time(both)
-        top, middle, whole = figure.axes[0::3]
-        assert [line.get_label() for line in top.get_lines()] == ["recorded", "simulated before", "simulated after"]
-        recorded, before, after = (line.get_ydata() for line in top.get_lines())
-        assert np.std(recorded - after) < 3e-5 < np.std(recorded - before)
-        assert "sigma" in middle.get_ylabel() and "sigma" in whole.get_ylabel()
+    above, left = (row[0] for row in residuals(both, place, "temperature_bias")[0].panels)
+    assert "sigma" in left.y_label
+    assert np.ptp(points_of(above)[0].y) < 400, "ug: the steps of 100,000 ug are taken off"
+    fitted = lines_of(above)[-1].y
+    assert lines_of(above)[-1].label == "as fitted"
+    assert fitted[0] == pytest.approx(-100, abs=3) and fitted[-1] == pytest.approx(100, abs=3)
+    assert 0.5 < np.std(points_of(left)[0].y) < 2.0, "noise is one sigma"
+    top, middle, whole = (row[0] for row in over_time(both).panels)
+    assert [mark.label for mark in top.labelled()] == ["recorded", "simulated before", "simulated after"]
+    recorded, before, after = (mark.y for mark in top.labelled())
+    assert np.std(recorded - after) < 3e-5 < np.std(recorded - before)
+    assert "sigma" in middle.y_label and "sigma" in whole.y_label
     assert state.n == n
+
+
+def lines_of(panel: Panel) -> list[Line]:
+    return [mark for mark in panel.marks if isinstance(mark, Line)]
+
+
+def points_of(panel: Panel) -> list[Points]:
+    return [mark for mark in panel.marks if isinstance(mark, Points)]
 
 
 def claim_of(effect: str) -> Claim:

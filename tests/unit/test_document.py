@@ -15,7 +15,7 @@ from jinja2 import PackageLoader
 
 from highside.report import document
 from highside.report.document import Page
-from highside.report.plots import as_svg, in_letters, logarithmic, new_figure, plotting
+from highside.report.plots import as_svg, new_figure, plotting
 
 
 @pytest.fixture
@@ -59,26 +59,3 @@ def test_a_figure_is_laid_out_and_drawn_once() -> None:
     # in the same places to the last digit
     numbers = [re.findall(r'[xy]="([-\d.]+)"', svg) for svg in (left_to_matplotlib.getvalue(), made)]
     assert numbers[0] == numbers[1] and len(numbers[0]) > 10
-
-
-@pytest.mark.parametrize(
-    ("formula", "letters"),
-    [
-        (r"$\mathdefault{10^{-12}}$", "10⁻¹²"),
-        (r"$\mathdefault{6\times10^{0}}$", "6×10⁰"),
-        ("", ""),
-        ("0.5", "0.5"),
-    ],
-)
-def test_powers_of_ten_are_told_in_letters(formula: str, letters: str) -> None:
-    assert in_letters(formula) == letters
-
-
-def test_beside_a_logarithmic_axis_no_label_is_a_formula() -> None:
-    with plotting():
-        figure, axes = new_figure(1, 1)
-        axes[0][0].plot([1, 2, 3], [0.3, 0.5, 4.0])
-        logarithmic(axes[0][0])
-        drawn = as_svg(figure, 1)
-    assert "10⁰" in drawn
-    assert "mathdefault" not in drawn

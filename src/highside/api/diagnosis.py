@@ -99,8 +99,8 @@ class Diagnosis:
         return self.found.to_dict()
 
     def html(self) -> str:
-        """The report as one HTML page that needs nothing beside it; without figures where matplotlib (extra `plot`) is
-        not installed, without the chart to zoom and hover in where Bokeh (extra `notebook`) is not."""
+        """The report as one HTML page that needs nothing beside it; without the chart to zoom and hover in where Bokeh
+        (extra `notebook`) is not installed."""
         from highside.report.diagnosis_page import page_of
 
         return page_of(self.found, self.report_data, self.source)

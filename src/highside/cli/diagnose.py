@@ -178,8 +178,6 @@ def _write_and_tell(made: Diagnosis, out: Path, write_model: Path | None, *, rep
     for note in made.notes:
         echo(told(note, "diagnosis"))
     _show(made)
-    if report:
-        _say_what_the_page_lacks(out)
     if write_model is not None:
         if learnt is not None:
             write_whole(write_model, f"{MODEL_MARK}\n{learnt}".encode())
@@ -263,11 +261,3 @@ def _show(made: Diagnosis) -> None:
         echo(f"  {told(hint)}")
     for finding in diagnosis.intake:
         echo(f"{finding.check} ({', '.join(finding.channels)}): {told(finding.remedy)}")
-
-
-def _say_what_the_page_lacks(out: Path) -> None:
-    from highside.report.diagnosis_page import NO_FIGURES
-    from highside.report.plots import can_plot
-
-    if not can_plot():
-        echo(f"{out / 'report.html'}: {NO_FIGURES}", err=True)

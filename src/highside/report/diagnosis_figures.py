@@ -4,7 +4,6 @@ tables. What is left has axes of its own in units of the noise: at the scale of 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,13 +18,9 @@ from highside.physics.covariates import covariate as covariate_of
 from highside.physics.gravity import gravity_direction
 from highside.physics.law import Law
 from highside.report.diagnosis_words import axis_title, scale_of
+from highside.report.drawing import Area, Level, Line, Panel, Picture, Points, Strip, Surface
 from highside.report.misfit_steps import sigma_of, unit_of
-from highside.report.plots import logarithmic, new_figure
 from highside.words import _, said_later, told
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 Ints = NDArray[np.intp]
 
@@ -41,7 +36,7 @@ CELL_TITLES = {
 }
 
 
-def residuals(report_data: ReportData, location: Location, effect: str | None = None) -> list[Figure]:
+def residuals(report_data: ReportData, location: Location, effect: str | None = None) -> list[Picture]:
     """One figure a channel over the covariate of a location, the location shaded: above what is to be explained, below
     what is left of it in units of the noise of one row.
 
@@ -58,105 +53,104 @@ def residuals(report_data: ReportData, location: Location, effect: str | None = 
         along, label = _along(report_data, location.covariate, channel % 3)
         size, unit = unit_of(report_data, channel)
         plain = np.array_equal(above, report_data.after)
-        figure, axes = new_figure(1 if plain else 2, 1, width=max(10.5 / len(names), 3.5), height=3.0 if plain else 2.2)
-        figures.append(figure)
-        axis = axes[0][0]
+        wide = max(10.5 / len(names), 3.5)
+        picture = Picture(1, 1, wide, 3.0) if plain else Picture(2, 1, wide, 2.2)
+        figures.append(picture)
+        panels = [row[0] for row in picture.panels]
+        panel = panels[0]
         how = _mean if _cancels_not(along, above[channel], report_data.after[channel]) else _rms
+        for each in panels:
+            _shade(each, along, location.intervals)
+            each.add(Level(0.0, SHADE))
+            each.x_label, each.legend = label, True
         if plain:
-            _points(axis, along, size * report_data.after[channel], AFTER, _("residual"), how)
+            _points(panel, along, size * report_data.after[channel], AFTER, _("residual"), how)
         else:
             word = _("before") if part is None else _("others taken off")
-            _points(axis, along, size * above[channel], BEFORE, word, how)
+            _points(panel, along, size * above[channel], BEFORE, word, how)
             if part is not None:
-                _line(axis, along, size * part[channel], how)
-            _points(
-                axes[1][0], along, report_data.after[channel] / sigma_of(report_data, channel), AFTER, _("left"), how
-            )
-            axes[1][0].set(ylabel=_("left, sigma"))
-        for each in (row[0] for row in axes):
-            _shade(each, along, location.intervals)
-            each.axhline(0, color=SHADE, linewidth=0.8)
-            each.set(xlabel=label)
-            each.legend()
+                _line(panel, along, size * part[channel], how)
+            left = report_data.after[channel] / sigma_of(report_data, channel)
+            _points(panels[1], along, left, AFTER, _("left"), how)
+            panels[1].y_label = _("left, sigma")
         left_over = _("residual")
-        axis.set(ylabel=f"{left_over}, {unit}".rstrip(", "), title=name)
+        panel.y_label, panel.title = f"{left_over}, {unit}".rstrip(", "), name
     return figures
 
 
-def over_time(report_data: ReportData) -> Figure:
+def over_time(report_data: ReportData) -> Picture:
     """A column a channel: the readings and the simulation where that misses them most, and what is left there in units
     of the noise; below, the misfit over the whole recording before and after."""
     t = np.asarray(report_data.session.state.t_s, dtype=float)
     sigmas = np.array([[sigma_of(report_data, k)] for k in range(len(report_data.channels))])
     rows = _worst_stretch(np.sum((report_data.before / sigmas) ** 2, axis=0))
     names = report_data.channels[:COLUMNS]
-    figure, axes = new_figure(3, len(names), height=1.9)
+    picture = Picture(3, len(names), height=1.9)
     for channel, name in enumerate(names):
         size, unit = unit_of(report_data, channel)
         if unit == "ug":
             size, unit = 1.0, "g"
-        top, left, whole = (row[channel] for row in axes)
+        top, left, whole = (row[channel] for row in picture.panels)
         _beside(top, t, size, report_data, channel, rows)
         what = _("misfit") if report_data.recorded is None else _("reading")
-        top.set(ylabel=f"{what}, {unit}", title=name)
+        top.y_label, top.title = f"{what}, {unit}", name
         sigma = float(sigmas[channel, 0])
-        mark = "o" if rows.stop - rows.start <= FEW else "-"
-        left.plot(t[rows], report_data.after[channel, rows] / sigma, mark, color=AFTER, markersize=3, linewidth=0.8)
-        left.axhspan(-2, 2, color=SHADE, alpha=0.12, linewidth=0)
-        left.set(ylabel=_("left, sigma"), xlabel=_("time, s"))
+        after = report_data.after[channel, rows] / sigma
+        few = rows.stop - rows.start <= FEW
+        left.add(
+            Strip(-2.0, 2.0, SHADE, 0.12),
+            Points(t[rows], after, AFTER) if few else Line(t[rows], after, AFTER, width=0.8),
+        )
+        left.y_label, left.x_label = _("left, sigma"), _("time, s")
         which, count, middle = _binned(t)
         for values, colour in ((report_data.before, BEFORE), (report_data.after, AFTER)):
-            whole.plot(
-                middle[count > 0],
-                _rms(values[channel] / sigma, which, count)[count > 0],
-                ".-",
-                color=colour,
-                markersize=3,
-            )
-        logarithmic(whole)
-        whole.set(ylabel=_("rms, sigma"), xlabel=_("time, s (whole recording)"))
-    handles, labels = axes[0][0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=3)
-    return figure
+            rms = _rms(values[channel] / sigma, which, count)[count > 0]
+            whole.add(Line(middle[count > 0], rms, colour, dots=2.5))
+        whole.log = True
+        whole.y_label, whole.x_label = _("rms, sigma"), _("time, s (whole recording)")
+    picture.legend = picture.panels[0][0].labelled()
+    return picture
 
 
-def law_curve(curve: Curve, label: str) -> Figure:
+def law_curve(curve: Curve, label: str) -> Picture:
     """A smooth law over its covariate with twice its standard deviation."""
-    figure, axes = new_figure(1, 1, height=2.6)
-    axis = axes[0][0]
+    picture = Picture(1, 1, height=2.6)
+    panel = picture.panels[0][0]
     size, unit = scale_of(max((abs(v) for v in curve.value), default=0.0), curve.unit)
     grid, value, std = (np.asarray(v, dtype=float) for v in (curve.grid, curve.value, curve.std))
-    axis.fill_between(grid, size * (value - 2 * std), size * (value + 2 * std), color=AFTER, alpha=0.2, linewidth=0)
-    axis.plot(grid, size * value, "-", color=AFTER)
-    axis.axhline(0, color=SHADE, linewidth=0.8)
+    panel.add(
+        Area(grid, size * (value - 2 * std), size * (value + 2 * std), AFTER, 0.2),
+        Level(0.0, SHADE),
+        Line(grid, size * value, AFTER),
+    )
     law = _("law")
-    axis.set(xlabel=label, ylabel=f"{law}, {unit}".rstrip(", "))
-    return figure
+    panel.x_label, panel.y_label = label, f"{law}, {unit}".rstrip(", ")
+    return picture
 
 
-def law_surface(law: Law) -> Figure:
+def law_surface(law: Law) -> Picture:
     """A law of two covariates: its value over both, and beside it the standard deviation."""
-    figure, axes = new_figure(1, 2, height=3.2)
+    picture = Picture(1, 2, height=3.2)
     first, second = law.axes[0], law.axes[1]
     u, v = (np.linspace(axis.low, axis.high, SURFACE) for axis in (first, second))
     at = [np.repeat(u, v.size), np.tile(v, u.size)]
     value, std = (np.asarray(f(at), dtype=float).reshape(u.size, v.size).T for f in (law.value, law.std))
     top = float(np.abs(value).max())
     size, unit = scale_of(top, law.at.unit)
-    for axis, values, word, colours, low in (
-        (axes[0][0], value, _("law"), "RdBu_r", -size * top),
-        (axes[0][1], std, _("its standard deviation"), "Greys", 0.0),
+    names = [f"{told(c.title)}, {c.unit}".rstrip(", ") for c in map(covariate_of, law.depends_on[:2])]
+    for panel, values, word, colours, low in (
+        (picture.panels[0][0], value, _("law"), BOTH_SIGNS, -size * top),
+        (picture.panels[0][1], std, _("its standard deviation"), ONE_SIGN, 0.0),
     ):
-        drawn = axis.pcolormesh(
-            u, v, size * values, shading="auto", rasterized=True, cmap=colours, vmin=low, vmax=size * top
-        )
-        figure.colorbar(drawn, ax=axis, label=f"{word}, {unit}".rstrip(", "))
-        names = [f"{told(c.title)}, {c.unit}".rstrip(", ") for c in map(covariate_of, law.depends_on[:2])]
-        axis.set(xlabel=names[0], ylabel=names[1])
-        axis.grid(visible=False)
-    return figure
+        panel.add(Surface(u, v, size * values, low, size * top, colours))
+        panel.title = f"{word}, {unit}".rstrip(", ")
+        panel.x_label, panel.y_label = names[0], names[1]
+    return picture
 
 
+BOTH_SIGNS = ("#1f5f9f", "#7fb2e0", "#f4f4f4", "#ecb27c", "#b0560f")
+ONE_SIGN = ("#f8f8f8", "#9aa0a6", "#1a1c1e")
+"""Colours of a law from its least value to its largest: blue and orange for the two signs, grey for a size."""
 SURFACE = 60
 """Points of each axis of a law of two covariates."""
 
@@ -167,24 +161,24 @@ FEW = 60
 """No more rows than this are drawn as points: poses, not a curve."""
 
 
-def _beside(axis: Axes, t: Array, size: float, report_data: ReportData, channel: int, rows: slice) -> None:
+def _beside(panel: Panel, t: Array, size: float, report_data: ReportData, channel: int, rows: slice) -> None:
     """The readings and the simulation of one channel, before and after; without readings only what is left."""
     recorded = np.zeros_like(report_data.before) if report_data.recorded is None else report_data.recorded
     drawn = [
-        (recorded - report_data.before, BEFORE, "-", _("simulated before")),
-        (recorded - report_data.after, AFTER, "--", _("simulated after")),
+        (recorded - report_data.before, BEFORE, False, _("simulated before")),
+        (recorded - report_data.after, AFTER, True, _("simulated after")),
     ]
     if np.array_equal(report_data.before, report_data.after):
         # nothing was taken in: one line, not two on one another
-        drawn = [(recorded - report_data.after, AFTER, "-", _("simulated"))]
+        drawn = [(recorded - report_data.after, AFTER, False, _("simulated"))]
         if report_data.recorded is None:
-            drawn = [(report_data.after, AFTER, "-", _("left"))]
+            drawn = [(report_data.after, AFTER, False, _("left"))]
     elif report_data.recorded is None:
-        drawn = [(report_data.before, BEFORE, "-", _("before")), (report_data.after, AFTER, "-", _("after"))]
+        drawn = [(report_data.before, BEFORE, False, _("before")), (report_data.after, AFTER, False, _("after"))]
     if report_data.recorded is not None:
-        axis.plot(t[rows], size * recorded[channel, rows], "o", color=SHADE, label=_("recorded"), markersize=3)
-    for values, colour, style, word in drawn:
-        axis.plot(t[rows], size * values[channel, rows], style, color=colour, label=word)
+        panel.add(Points(t[rows], size * recorded[channel, rows], SHADE, _("recorded"), size=4.0))
+    for values, colour, dashed, word in drawn:
+        panel.add(Line(t[rows], size * values[channel, rows], colour, word, dashed=dashed))
 
 
 STRETCH = 240
@@ -201,11 +195,11 @@ def _worst_stretch(energy: Array) -> slice:
     return slice(start, start + STRETCH)
 
 
-def _line(axis: Axes, along: Array, values: Array, how: Callable[[Array, Ints, Ints], Array]) -> None:
+def _line(panel: Panel, along: Array, values: Array, how: Callable[[Array, Ints, Ints], Array]) -> None:
     """What an effect does as fitted."""
     which, count, middle = _binned(along)
     shows = count > 0
-    axis.plot(middle[shows], how(values, which, count)[shows], "--", color="black", label=_("as fitted"), linewidth=1.0)
+    panel.add(Line(middle[shows], how(values, which, count)[shows], label=_("as fitted"), width=1.0, dashed=True))
 
 
 def _mean(values: Array, which: Ints, count: Ints) -> Array:
@@ -235,26 +229,26 @@ def _cancels_not(along: Array, before: Array, after: Array) -> bool:
     return removed <= 0.0 or shown > removed / 3
 
 
-def _shade(axis: Axes, along: Array, intervals: Sequence[tuple[float, float]]) -> None:
+def _shade(panel: Panel, along: Array, intervals: Sequence[tuple[float, float]]) -> None:
     pad = 0.01 * float(np.ptp(along) or 1.0)
     whole = intervals and intervals[0][0] <= np.min(along) and intervals[-1][1] >= np.max(along) and len(intervals) == 1
     for low, high in () if whole else intervals:
-        axis.axvspan(low - pad, high + pad, color=SHADE, alpha=0.18, linewidth=0)
+        panel.add(Strip(low - pad, high + pad, SHADE, 0.18, upright=True))
 
 
 def _points(
-    axis: Axes, along: Array, values: Array, colour: str, word: str, how: Callable[[Array, Ints, Ints], Array]
+    panel: Panel, along: Array, values: Array, colour: str, word: str, how: Callable[[Array, Ints, Ints], Array]
 ) -> None:
     """The points, and over them what those of a bin have in common; of many points a sample."""
     some = np.linspace(0, along.size - 1, min(along.size, MANY // 2)).astype(int)
     few = along.size <= MANY
-    alpha, size = (0.55, 4) if few else (0.15, 2)
-    # thousands of points are an image of their own: as elements of the page they take seconds to write and to show
-    axis.plot(along[some], values[some], ".", color=colour, alpha=alpha, markersize=size, rasterized=not few)
+    # so many points that the line over them must not be lost in them
+    size, alpha = (2.8, 0.6) if few else (1.4, 0.3)
+    panel.add(Points(along[some], values[some], colour, size=size, alpha=alpha))
     which, count, middle = _binned(along)
     kind = _("mean") if how is _mean else _("rms")
     shows = count > (0 if few else 1)
-    axis.plot(middle[shows], how(values, which, count)[shows], "-", color=colour, label=f"{word} ({kind})")
+    panel.add(Line(middle[shows], how(values, which, count)[shows], colour, f"{word} ({kind})"))
 
 
 def _along(report_data: ReportData, covariate: str, channel: int = 0) -> tuple[Array, str]:
@@ -285,49 +279,43 @@ def _along(report_data: ReportData, covariate: str, channel: int = 0) -> tuple[A
     return np.asarray(columns[name], dtype=float), axis_title(name)
 
 
-def table_misfit(report_data: SummaryReportData, places: Sequence[Location]) -> Figure:
+def table_misfit(report_data: SummaryReportData, places: Sequence[Location]) -> Picture:
     """Misfit of each column in sigma over the rows, before and after; shaded where a claim sits."""
-    figure, axes = new_figure(2, 2, height=2.6)
+    picture = Picture(2, 2, height=2.6)
     rows = np.argsort(report_data.inc_deg)
-    at = np.arange(rows.size)
-    for column, axis in enumerate(np.ravel(np.array(axes, dtype=object))):
+    at = np.arange(rows.size, dtype=float)
+    inc = report_data.inc_deg[rows]
+    for column, panel in enumerate(panel for line in picture.panels for panel in line):
         shaded = np.zeros(rows.size, dtype=bool)
         for place in places:
             if CELLS[column] in place.channels:
                 for low, high in place.intervals:
-                    inc = report_data.inc_deg[rows]
                     shaded |= (inc >= low - 1e-6) & (inc <= high + 1e-6)
-        for k in np.flatnonzero(shaded):
-            axis.axvspan(k - 0.5, k + 0.5, color=SHADE, alpha=0.14, linewidth=0)
-        axis.axhspan(-1, 1, color=SHADE, alpha=0.12, linewidth=0)
-        axis.plot(at, report_data.before[rows, column], "o", color=BEFORE, label=_("before"), markersize=4)
-        axis.plot(at, report_data.after[rows, column], "o", color=AFTER, label=_("after"), markersize=4)
-        axis.set_xticks(at, [f"{value:g}" for value in report_data.inc_deg[rows]], rotation=60)
-        axis.set(ylabel=_("misfit, sigma"), title=_(CELL_TITLES[CELLS[column]]))
-        if column == 0:
-            axis.legend()
-    return figure
-
-
-def table_values(report_data: SummaryReportData) -> Figure:
-    """What the table says beside what the simulated chain says, deg."""
-    figure, axes = new_figure(2, 2, height=2.6)
-    rows = np.argsort(report_data.inc_deg)
-    at = np.arange(rows.size)
-    for column, axis in enumerate(np.ravel(np.array(axes, dtype=object))):
-        axis.errorbar(
-            at,
-            report_data.published[rows, column],
-            report_data.sigma[rows, column],
-            fmt="o",
-            color=SHADE,
-            markersize=4,
-            label=_("the table, with sigma"),
+        panel.add(*(Strip(k - 0.5, k + 0.5, SHADE, 0.14, upright=True) for k in np.flatnonzero(shaded)))
+        panel.add(
+            Strip(-1.0, 1.0, SHADE, 0.12),
+            Points(at, report_data.before[rows, column], BEFORE, _("before"), size=4.0),
+            Points(at, report_data.after[rows, column], AFTER, _("after"), size=4.0),
         )
-        axis.plot(at, report_data.base[rows, column], "-", color=BEFORE, label=_("simulated before"))
-        axis.plot(at, report_data.fitted[rows, column], "-", color=AFTER, label=_("simulated after"))
-        axis.set_xticks(at, [f"{value:g}" for value in report_data.inc_deg[rows]], rotation=60)
-        axis.set(ylabel="°", title=_(CELL_TITLES[CELLS[column]]))
-        if column == 0:
-            axis.legend()
-    return figure
+        panel.x_names = [f"{value:g}" for value in inc]
+        panel.y_label, panel.title = _("misfit, sigma"), _(CELL_TITLES[CELLS[column]])
+        panel.legend = column == 0
+    return picture
+
+
+def table_values(report_data: SummaryReportData) -> Picture:
+    """What the table says beside what the simulated chain says, deg."""
+    picture = Picture(2, 2, height=2.6)
+    rows = np.argsort(report_data.inc_deg)
+    at = np.arange(rows.size, dtype=float)
+    for column, panel in enumerate(panel for line in picture.panels for panel in line):
+        published, sigma = report_data.published[rows, column], report_data.sigma[rows, column]
+        panel.add(
+            Points(at, published, SHADE, _("the table, with sigma"), size=4.0, std=sigma),
+            Line(at, report_data.base[rows, column], BEFORE, _("simulated before")),
+            Line(at, report_data.fitted[rows, column], AFTER, _("simulated after")),
+        )
+        panel.x_names = [f"{value:g}" for value in report_data.inc_deg[rows]]
+        panel.y_label, panel.title = "°", _(CELL_TITLES[CELLS[column]])
+        panel.legend = column == 0
+    return picture

@@ -44,15 +44,12 @@ from highside.report.diagnosis_words import (
 from highside.report.document import Page
 from highside.report.misfit_steps import ALL_FOUND, Steps, shares_of_misfit, steps_of
 from highside.report.misfit_waterfall import waterfall
-from highside.report.plots import can_plot, plotting
 from highside.shown.screen import can_draw
-from highside.words import _, said_later
+from highside.words import _
 from highside.words.marked import in_words
 
 __all__ = ["VERDICTS", "page_of"]
 
-NO_FIGURES = said_later("without figures: they need matplotlib (pip install 'highside[plot]')")
-"""Said in the page and at the terminal where matplotlib is not installed."""
 MAGNITUDE = "g_total"
 """The one channel of a recording of which only |g| is known."""
 DRAWN = 4
@@ -60,19 +57,7 @@ DRAWN = 4
 
 
 def page_of(diagnosis: DiagnosisResult, report_data: ReportData | SummaryReportData | None, recording: str) -> str:
-    """The whole page as HTML; where matplotlib is not installed it is without figures, and says so."""
-    if not can_plot():
-        return _page_of(diagnosis, None, recording, NO_FIGURES)
-    with plotting():
-        return _page_of(diagnosis, report_data, recording)
-
-
-def _page_of(
-    diagnosis: DiagnosisResult,
-    report_data: ReportData | SummaryReportData | None,
-    recording: str,
-    remark: str | None = None,
-) -> str:
+    """The whole page as HTML."""
     rows = report_data if isinstance(report_data, ReportData) else None
     steps = None if rows is None else steps_of(rows)
     shares = {} if steps is None else shares_of_misfit(diagnosis, steps)
@@ -93,8 +78,6 @@ def _page_of(
         headers, lines = claims_table(diagnosis.claims, shares)
         page.table(headers, lines, words=(0, 1, 3, 4))
     page.facts(_facts(diagnosis))
-    if remark is not None:
-        page.paragraph(_("This page is %(without)s.", without=_(remark)), look="soft")
     for claim in ordered(diagnosis.claims, shares):
         _claim(page, diagnosis, claim, rows)
     if rows is not None and not diagnosis.claims:

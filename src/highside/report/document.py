@@ -18,6 +18,7 @@ from jinja2 import Environment
 from markupsafe import Markup
 
 from highside.errors import InputError
+from highside.report.drawing import Picture
 from highside.report.plots import as_svg
 from highside.shown.plot import Plot
 from highside.shown.screen import can_draw, chart_part, library_part
@@ -100,15 +101,15 @@ class Document:
         as lines with the headers before them. `whole`: not split between sheets, where one can hold it."""
         self._add("table", headers=headers, rows=rows, caption=caption, words=words, whole=whole)
 
-    def figure(self, figure: Figure, caption: str) -> None:
-        """Embed a matplotlib figure drawn within `plotting`."""
+    def figure(self, figure: Figure | Picture, caption: str) -> None:
+        """Embed a picture, or a matplotlib figure drawn within `plotting`."""
         self._add("figure", svg=self._drawn(figure), caption=caption)
 
     def photograph(self, jpeg: bytes, caption: str) -> None:
         """A photograph, and what is said of it."""
         self._add("photograph", data=base64.b64encode(jpeg).decode("ascii"), caption=caption)
 
-    def panels(self, figures: Sequence[Figure], caption: str) -> None:
+    def panels(self, figures: Sequence[Figure | Picture], caption: str) -> None:
         """Figures beside one another, or below where the screen is narrow, under one caption."""
         self._add("panels", svgs=[self._drawn(figure) for figure in figures], caption=caption)
 
@@ -148,7 +149,9 @@ class Document:
     def _add(self, _kind: str, **values: Any) -> None:
         self._parts.append(Part(_kind, values))
 
-    def _drawn(self, figure: Figure) -> Markup:
+    def _drawn(self, figure: Figure | Picture) -> Markup:
+        if isinstance(figure, Picture):
+            return Markup(figure.svg())  # drawn here, with the words in it escaped
         self._figures += 1
         return Markup(as_svg(figure, self._figures))  # drawn here; matplotlib escapes the words in it
 

@@ -2,49 +2,40 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from highside.report.diagnosis_figures import AFTER, BEFORE, SHADE
+from highside.report.drawing import Bar, Level, Line, Picture, Words
 from highside.report.misfit_steps import Steps
-from highside.report.plots import new_figure
 from highside.words import _
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+ROOM = 1.32
+"""of the longest bar: for the words beside it"""
 
 
-def waterfall(steps: Steps, titles: dict[str, str]) -> Figure:
+def waterfall(steps: Steps, titles: dict[str, str]) -> Picture:
     """Bars from the simulation as given down to what is left, with the floor of the noise as a line."""
     names = [_("simulation as given"), *(titles.get(name, name) for name in steps.names), _("what is left")]
-    figure, axes = new_figure(1, 1, height=0.55 + 0.42 * len(names))
-    axis = axes[0][0]
-    rows = np.arange(len(names))
+    picture = Picture(1, 1, height=0.55 + 0.42 * len(names))
+    panel = picture.panels[0][0]
     left = steps.left if steps.names else steps.levels[0]
-    axis.barh(0, steps.levels[0], color=BEFORE, height=0.62)
-    _label(axis, 0, steps.levels[0], f"{steps.levels[0]:.3g} {steps.unit}")
+    panel.add(Bar(0, 0.0, steps.levels[0], BEFORE), Words(steps.levels[0], 0.0, f"{steps.levels[0]:.3g} {steps.unit}"))
     for k in range(len(steps.names)):
         low, high = steps.levels[k + 1], steps.levels[k]
-        axis.barh(k + 1, high - low, left=low, color=SHADE, height=0.62)
-        axis.plot([high, high], [k - 0.31, k + 1.31], color=SHADE, linewidth=0.8)
-        # the share in units of the noise stands in the sentence above: another weighting, another figure
-        _label(axis, k + 1, high, f"\N{MINUS SIGN}{high - low:.3g} {steps.unit}")
+        panel.add(
+            Bar(k + 1, low, high, SHADE),
+            Line(np.array([high, high]), np.array([k - 0.31, k + 1.31]), SHADE, width=0.8),
+            # the share in units of the noise stands in the sentence above: another weighting, another figure
+            Words(high, k + 1.0, f"\N{MINUS SIGN}{high - low:.3g} {steps.unit}"),
+        )
     last = len(names) - 1
-    axis.barh(last, left, color=AFTER, height=0.62)
     within = " " + _("(within the noise)") if left <= steps.floor else ""
-    _label(axis, last, max(left, steps.floor), f"{left:.3g} {steps.unit}{within}")
-    axis.axvline(steps.floor, color=AFTER, linestyle="--", linewidth=1.0)
-    axis.set_yticks(rows, names)
-    axis.invert_yaxis()
-    axis.grid(visible=False, axis="y")
-    axis.set_xlim(0, 1.32 * max(*steps.levels, steps.floor))
-    axis.set(
-        xlabel=_("systematic misfit, rms, %(unit)s; dashed: what noise alone would leave at most", unit=steps.unit)
+    panel.add(
+        Bar(last, 0.0, left, AFTER),
+        Words(max(left, steps.floor), float(last), f"{left:.3g} {steps.unit}{within}"),
+        Level(steps.floor, AFTER, width=1.0, dashed=True, upright=True),
     )
-    return figure
-
-
-def _label(axis: Axes, row: int, at: float, words: str) -> None:
-    axis.annotate(words, (at, row), xytext=(5, 0), textcoords="offset points", va="center", fontsize=8)
+    panel.y_names = names
+    panel.x_limits = (0.0, ROOM * max(*steps.levels, steps.floor))
+    panel.x_label = _("systematic misfit, rms, %(unit)s; dashed: what noise alone would leave at most", unit=steps.unit)
+    return picture

@@ -55,36 +55,6 @@ def new_figure(rows: int, columns: int, *, width: float = 10.5, height: float = 
     return figure, [list(row) for row in axes]
 
 
-def logarithmic(axis: Axes) -> None:
-    """Powers of ten upwards, told in letters: matplotlib's own are formulas, whose parsing takes long."""
-    from matplotlib.ticker import LogFormatterSciNotation
-
-    class InLetters(LogFormatterSciNotation):
-        def __call__(self, x: float, pos: int | None = None) -> str:
-            return in_letters(super().__call__(x, pos))
-
-    axis.set_yscale("log")
-    axis.yaxis.set_major_formatter(InLetters())
-    axis.yaxis.set_minor_formatter(InLetters(labelOnlyBase=False))
-
-
-def in_letters(formula: str) -> str:
-    """A power of ten, with its factor, as letters instead of a formula; anything else as it is."""
-    found = re.fullmatch(r"\$\\mathdefault\{(?:(-?[\d.]+)\\times)?10\^\{(-?\d+)\}\}\$", formula)
-    if found is None:
-        return formula
-    factor, power = found.groups()
-    return (f"{factor}\N{MULTIPLICATION SIGN}" if factor else "") + "10" + power.translate(_RAISED)
-
-
-_RAISED = str.maketrans(
-    "-0123456789",
-    "\N{SUPERSCRIPT MINUS}\N{SUPERSCRIPT ZERO}\N{SUPERSCRIPT ONE}\N{SUPERSCRIPT TWO}\N{SUPERSCRIPT THREE}"
-    "\N{SUPERSCRIPT FOUR}\N{SUPERSCRIPT FIVE}\N{SUPERSCRIPT SIX}\N{SUPERSCRIPT SEVEN}\N{SUPERSCRIPT EIGHT}"
-    "\N{SUPERSCRIPT NINE}",
-)
-
-
 def _plot_style() -> dict[Any, Any]:
     """Settings of matplotlib: transparent, ink for what is black, thin grid."""
     ink = dict.fromkeys(

@@ -1,0 +1,41 @@
+"""Letters of a picture: how wide they are about, and the SVG of them."""
+
+from __future__ import annotations
+
+from typing import Literal
+from xml.etree.ElementTree import Element
+
+__all__ = ["LABEL", "LEGEND", "TICK", "TITLE", "Anchor", "raised", "text", "width"]
+
+TITLE, LABEL, LEGEND, TICK = 9.0, 8.0, 8.0, 7.5
+"""sizes of letters, pt"""
+Anchor = Literal["start", "middle", "end"]
+_NARROW, _WIDE = frozenset("iIjl.,:;'|!()[] ft"), frozenset("mwMW@%")
+_RAISED = str.maketrans(
+    "-0123456789",
+    "\N{SUPERSCRIPT MINUS}\N{SUPERSCRIPT ZERO}\N{SUPERSCRIPT ONE}\N{SUPERSCRIPT TWO}\N{SUPERSCRIPT THREE}"
+    "\N{SUPERSCRIPT FOUR}\N{SUPERSCRIPT FIVE}\N{SUPERSCRIPT SIX}\N{SUPERSCRIPT SEVEN}\N{SUPERSCRIPT EIGHT}"
+    "\N{SUPERSCRIPT NINE}",
+)
+
+
+def width(words: str, size: float) -> float:
+    """About how wide words are in a font without serifs, pt; rather too wide, since the page's font is not known."""
+    ems = sum(0.37 if c in _NARROW else 0.92 if c in _WIDE else 0.68 if c.isupper() else 0.6 for c in words)
+    return size * ems
+
+
+def raised(power: int) -> str:
+    """A power of ten."""
+    return "10" + str(power).translate(_RAISED)
+
+
+def text(x: float, y: float, words: str, size: float, anchor: Anchor = "start", turned: float = 0.0) -> Element:
+    """Words whose baseline begins, is centred or ends at a point, turned by degrees clockwise about it."""
+    made = Element("text", {"x": f"{x:.1f}", "y": f"{y:.1f}", "font-size": f"{size:g}"})
+    if anchor != "start":
+        made.set("text-anchor", anchor)
+    if turned:
+        made.set("transform", f"rotate({turned:g} {x:.1f} {y:.1f})")
+    made.text = words
+    return made
