@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 
 import numpy as np
@@ -10,9 +11,11 @@ import pytest
 
 import highside
 from highside.calibration.record import parse_record
+from highside.fleet import jobs
 from highside.fleet.catalogue import catalogue_of
 from highside.fleet.jobs import Order, row_of
-from highside.fleet.run import _order_of
+from highside.fleet.parts import PartStore
+from highside.fleet.run import _order_of, work_on
 from highside.physics.gravity import gravity_direction
 
 TRUE_BIAS_G = 2e-3
@@ -93,3 +96,44 @@ def test_a_file_that_cannot_be_read_is_a_row_with_its_error(tmp_path: Path, job:
     assert row["verdict"] == "error"
     assert "x.csv" in row["error"]
     assert "internal" not in row["error"]
+
+
+@pytest.mark.parametrize("change", ["written", "replaced", "removed"])
+def test_a_recording_that_changes_while_it_is_read_has_no_result(
+    change: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its key is the content of before: the result of another would stand there for good."""
+    path = poses(tmp_path)
+    whole, work = path.read_bytes(), jobs.JOBS["solve"]
+
+    def changed(order: Order, path: Path) -> dict[str, object]:
+        match change:
+            case "written":
+                path.write_bytes(whole + b"5,45,0,0,1\n")
+            case "replaced":
+                (tmp_path / "other").write_bytes(whole)
+                (tmp_path / "other").replace(path)
+            case _:
+                path.unlink()
+        return work(order, path)
+
+    order, out = Order("solve", method="joint"), tmp_path / "results"
+    with monkeypatch.context() as during:
+        during.setattr(jobs, "JOBS", {**jobs.JOBS, "solve": changed})
+        (outcome,) = work_on([(str(path), order)], str(out))
+    assert (outcome.key, outcome.error) == (
+        None,
+        "changed while it was read; run it again when it is written",
+    )
+    assert not PartStore(out).read()
+    path.write_bytes(whole)
+    (outcome,) = work_on([(str(path), order)], str(out))
+    assert (outcome.verdict, outcome.error, outcome.computed) == ("done", "", True)
+    (row,) = PartStore(out).read().values()
+    assert row["verdict"] == "done"
+
+
+def test_what_is_no_file_is_told_once(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.csv")
+    (outcome,) = work_on([(str(tmp_path / "pipe.csv"), Order("solve"))], str(tmp_path / "results"))
+    assert (outcome.key, outcome.error) == (None, "is a named pipe, not a file; give a file")

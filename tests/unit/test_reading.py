@@ -99,6 +99,31 @@ def test_the_total_is_bounded_and_the_user_may_raise_it(tmp_path: Path, monkeypa
     assert len(read_bytes(packed)) == 24 << 20
 
 
+def test_a_file_is_in_the_memory_once_and_one_that_is_too_long_not_at_all(tmp_path: Path) -> None:
+    long, whole = tmp_path / "long", tmp_path / "whole"
+    with long.open("wb") as file:
+        file.truncate(10 << 30)  # of nothing: it takes no room on the disk
+    whole.write_bytes(bytes(range(256)) * (32 << 12))
+    packed = tmp_path / "packed.gz"
+    packed.write_bytes(gzip.compress(os.urandom(32 << 20), 1))
+
+    def peak(read: Callable[[], object]) -> int:
+        tracemalloc.start()
+        try:
+            read()
+            return tracemalloc.get_traced_memory()[1]
+        finally:
+            tracemalloc.stop()
+
+    def refused() -> None:
+        with pytest.raises(InputError, match="long: has more than 2 GiB; if it is meant so: highside --max-bytes"):
+            read_bytes(long)
+
+    assert peak(refused) < 1 << 20
+    for path in (whole, packed):
+        assert 32 << 20 <= peak(lambda path=path: read_bytes(path)) < 44 << 20  # type: ignore[misc]
+
+
 @pytest.mark.parametrize(
     ("text", "count"), [("1", 1), ("8G", 8 << 30), ("20 m", 20 << 20), ("4KiB", 4096), ("3MB", 3 << 20)]
 )

@@ -265,6 +265,9 @@ def _run(
             progress=progress,
         )
     _show(finished, out, as_json)
+    if any(one.error for one in finished.outcomes):
+        # the others are done; a script must see that not all are
+        raise typer.Exit(1)
 
 
 @contextmanager

@@ -36,7 +36,7 @@ class Outcome:
 
     uri: str
     key: str | None
-    """of its result; None where its content could not be had: it is tried again in the next run"""
+    """of its result; None where its content could not be had, or changed: it is tried again in the next run"""
     verdict: str
     computed: bool
     """else its result was there already"""
@@ -112,9 +112,20 @@ def run(
                     outcomes[pairs[0][0]] = _deadly(pairs[0], store, error)
             future.release()
             progress(len(outcomes), len(work), page)
-    finished = Finished(tuple(outcomes[entry.uri] for entry in entries))
+    finished = Finished(_with_errors_of_before([outcomes[entry.uri] for entry in entries], store))
     store.write_catalogue(entries, finished.keys, order.job)
     return finished
+
+
+def _with_errors_of_before(outcomes: Sequence[Outcome], store: PartStore) -> tuple[Outcome, ...]:
+    """What was there already may be the error of an earlier run, which stands as long as the recording does."""
+    if all(one.computed or one.key is None for one in outcomes):
+        return tuple(outcomes)
+    errors = {key: str(row["error"] or "") for key, row in store.read(["error"]).items()}
+    return tuple(
+        one if one.computed or one.key is None else replace(one, error=_of_named(one.uri, errors.get(one.key, "")))
+        for one in outcomes
+    )
 
 
 def _order_of(entry: Entry, order: Order) -> Order:
@@ -175,8 +186,11 @@ def _deadly(pair: Work, store: PartStore, error: BaseException | None) -> Outcom
     said = f"ended {TASKS.attempts} processes that worked on it (out of memory?)"
     if error is not None and not isinstance(error, KilledWorker):
         said = f"no process could work on it: {type(error).__name__}: {error}"
-    with _at_hand(uri) as path:
-        key = _key(path, order)
+    try:
+        with _at_hand(uri) as path:
+            key = _key(path, order)
+    except HighsideError as gone:
+        return Outcome(uri, None, "error", False, error=_of_named(uri, str(gone)))
     store.write({key: empty_row(order.job) | {"error": said, "seconds": None, "cpu_s": None}})
     return Outcome(uri, key, "error", True, error=said)
 
@@ -209,14 +223,32 @@ def _outcome(uri: str, order: Order, store: PartStore, made: dict[str, dict[str,
     """What became of a recording; its row, if it was computed, is put into `made`."""
     try:
         with _at_hand(uri) as path:
+            before = _state_of(path)
             key = _key(path, order)
             if store.has(key) or key in made:
                 return Outcome(uri, key, "", False)
             row = row_of(order, path)
+            if _state_of(path) != before:
+                # its result, or its error, would be that of the content of before, for good
+                raise InputError("changed while it was read", where=uri, remedy="run it again when it is written")
     except HighsideError as error:
-        return Outcome(uri, None, "error", False, error=str(error))
+        return Outcome(uri, None, "error", False, error=_of_named(uri, str(error)))
     made[key] = row
-    return Outcome(uri, key, str(row["verdict"]), True, float(row["seconds"]), str(row["error"]))
+    return Outcome(uri, key, str(row["verdict"]), True, float(row["seconds"]), _of_named(uri, str(row["error"])))
+
+
+def _of_named(uri: str, error: str) -> str:
+    """An error as it is told of a recording that is named beside it."""
+    return error.removeprefix(f"{uri}: ").removeprefix(f"{uri.rsplit('/', 1)[-1]}: ")
+
+
+def _state_of(path: Path) -> tuple[int, ...] | None:
+    """By which it is seen that a file is another; None for one that is not there."""
+    try:
+        state = path.stat()
+    except OSError:
+        return None
+    return state.st_dev, state.st_ino, state.st_size, state.st_mtime_ns
 
 
 def _key(path: Path, order: Order) -> str:

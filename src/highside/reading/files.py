@@ -163,7 +163,10 @@ def read_bytes(path: Path, *, max_bytes: int | None = None) -> bytes:
     limit = _allowed if max_bytes is None else min(max_bytes, _allowed)
     with closing(open_binary(path)) as file:
         try:
-            return _whole(file, path, limit)
+            stated = 0 if isinstance(file, io.BufferedReader) and isinstance(file.raw, _Expanding) else _stated(file)
+            if stated > limit:
+                raise _too_big(path, "has more than", limit)
+            return _whole(file, path, limit, stated)
         except (EOFError, gzip.BadGzipFile, zlib.error) as error:
             raise InputError(f"is a damaged gzip file: {error}", where=str(path)) from None
         except OSError as error:
@@ -179,16 +182,27 @@ def read_named(path: Path, field: str, *, max_bytes: int | None = None) -> bytes
         raise InputError(error.what, where=error.where, field=field, remedy=remedy) from None
 
 
-def _whole(file: IO[bytes], path: Path, limit: int) -> bytes:
-    """In pieces, so that a source without an end (a device, a pipe) ends at the limit."""
-    pieces = []
-    size = 0
-    while piece := file.read(_PIECE):
-        pieces.append(piece)
-        size += len(piece)
-        if size > limit:
+def _stated(file: BinaryIO) -> int:
+    """Bytes that a plain file has by its directory; 0 for a pipe, and for what the kernel makes as it is read."""
+    state = os.fstat(file.fileno())
+    return state.st_size if stat.S_ISREG(state.st_mode) else 0
+
+
+def _whole(file: IO[bytes], path: Path, limit: int, stated: int) -> bytes:
+    """What is `stated` at once, the rest in pieces, so that a source without an end (a pipe) ends at the limit. The
+    content is in the memory once: pieces in a list would be there twice when they are joined."""
+    first = file.read(stated) if stated else b""
+    if not (piece := file.read(_PIECE)):
+        return first
+    held = io.BytesIO()
+    held.write(first)
+    del first
+    while piece:
+        held.write(piece)
+        if held.tell() > limit:
             raise _too_big(path, "has more than", limit)
-    return pieces[0] if len(pieces) == 1 else b"".join(pieces)
+        piece = file.read(_PIECE)
+    return held.getvalue()
 
 
 def _too_big(path: Path, how: str, limit: int | None = None) -> InputError:
