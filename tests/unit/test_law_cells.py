@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from highside.diagnosis.law_sessions import cells_of
+from highside.diagnosis.law_sessions import ChainSession, cells_of, linear
 from highside.diagnosis.rows.session import RotationSession
+from highside.physics.forward import ForwardModel
+from highside.physics.law import Axis, Function, Law
+from highside.physics.memory import low_pass
 from highside.physics.state import ChainState
 
 
@@ -25,3 +28,26 @@ def test_rows_that_stand_for_cells_rise_in_time() -> None:
     assert np.array_equal(cells.number[cells.middle], np.arange(cells.middle.size))
     assert np.array_equal(np.bincount(cells.number[~left_out]), cells.count)
     assert np.all(cells.number[left_out] == -1)
+
+
+def test_a_temperature_that_lags_begins_at_the_first_row_in_cells_too() -> None:
+    """In a minute it moves by little: from the first cell on it would be another function of the time."""
+    n = 3000
+    t = np.arange(n) * 0.02
+    temp = 26.0 + 30.0 * t / t[-1]
+    state = ChainState.build(
+        np.full(n, 1.0), 0.2 * t, t_s=t, temp_c=temp, rotor_rate_radps=np.full(n, 0.2), row_seconds=0.02
+    )
+    readings = 1e-4 * np.random.default_rng(2).standard_normal((3, n))
+    session = ChainSession.of_rotation(RotationSession(readings, state, np.zeros(n, dtype=bool)), (), readings)
+    assert session.cells is not None and session.cells.middle[0] > 0
+    model = ForwardModel.of({})
+    known = session.problem(model, session.reduced(readings)).covariates
+    lagging = low_pass(t, temp, 4000.0)
+    assert np.array_equal(known["temp_filtered_4000"], lagging[session.cells.middle])
+    assert np.array_equal(known["temp_filtered_613"], low_pass(t, temp, 613.0)[session.cells.middle])
+    # and so a law does in the cells what it does in the rows
+    axis = Axis("temp_filtered_4000", lagging[0], lagging[-1], (Function("wide_cosine", (9.0,)),))
+    law = Law("lagging", "scale", ("y",), (axis,), ((1e-3,),))
+    does = session.residual(model) - session.residual(model.with_laws([law]))
+    assert np.corrcoef(linear(session, model, [law])[1], does[1])[0, 1] > 0.999

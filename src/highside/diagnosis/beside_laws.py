@@ -80,8 +80,9 @@ def with_laws(
         outcome = replace(outcome, laws=large)
     if outcome.implausible and outcome.names:
         return told_implausible(diagnosis, outcome.names), report
-    if outcome.doubted and not (outcome.laws or outcome.names):
-        return told_unnamed(diagnosis, report, outcome.doubted)
+    worthless = outcome.doubted or (frozenset(known) if leaves_most(outcome.found) else frozenset())
+    if worthless and not (outcome.laws or outcome.names):
+        return told_unnamed(diagnosis, report, worthless, left=not outcome.doubted)
     changed = outcome.laws or outcome.renamed or outcome.doubted
     if not changed and all(c.effect in known for c in outcome.names):
         told = {c.effect: c for c in outcome.names}

@@ -73,11 +73,15 @@ def told_implausible(diagnosis: DiagnosisResult, claims: Sequence[Claim]) -> Dia
 
 
 def told_unnamed(
-    diagnosis: DiagnosisResult, report: ReportData, doubted: frozenset[str]
+    diagnosis: DiagnosisResult, report: ReportData, doubted: frozenset[str], *, left: bool = False
 ) -> tuple[DiagnosisResult, ReportData]:
-    """The diagnosis without names that a law would beat, where no law is worth its claim either."""
+    """The diagnosis without names that a law would beat, where no law is worth its claim either, or beside which most
+    of it is `left`."""
     names = sorted(doubted)
     remainder = replace(diagnosis.remainder, resembles=tuple(dict.fromkeys((*names, *diagnosis.remainder.resembles))))
-    words = f"it resembles {' and '.join(map(title_of, names))}, but a smooth law would explain more of it"
+    alike = " and ".join(map(title_of, names))
+    words = f"it resembles {alike}, but a smooth law would explain more of it"
+    if left:
+        words = f"it resembles {alike}, but most of it is left"
     found = replace(diagnosis, verdict="unknown", claims=(), remainder=remainder, fit=unimproved(diagnosis.fit))
     return hinted(found, words), replace(report, after=report.before, parts={})

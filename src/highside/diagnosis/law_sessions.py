@@ -19,7 +19,7 @@ from highside.diagnosis.core.candidates import shapes_tried, step_times
 from highside.diagnosis.core.fit import base_fit
 from highside.diagnosis.core.floor import lattice_step
 from highside.diagnosis.core.observed import ObservationModel, Observed
-from highside.diagnosis.laws.chain import OF_POSES, OF_ROTATION, chain_problem, covariate_values, unit_law
+from highside.diagnosis.laws.chain import OF_POSES, OF_ROTATION, AllRows, chain_problem, covariate_values, unit_law
 from highside.diagnosis.laws.groups import HISTORY
 from highside.diagnosis.laws.noise import step_of
 from highside.diagnosis.laws.policy import LAW_CELLS, LAW_FLOOR
@@ -176,12 +176,16 @@ class ChainSession:
             jitter=jitter,
             orders=self.orders,
             every_pair=self.cells is None,
+            among=None if self.cells is None else AllRows(self.state, self.cells.middle),
         )
 
     def derivatives(self, model: ForwardModel, wanted: Sequence[tuple[Effect, Array]]) -> list[Array]:
         """(k, C, m) by the parameters of each effect, at its vector."""
         gyros = len(self.channels) > len("xyz")
-        return model.derivatives(self.reduced_state, wanted, gyros=gyros)
+        if self.cells is None:
+            return model.derivatives(self.state, wanted, gyros=gyros)
+        # what remembers does so from the first row on
+        return [one[..., self.cells.middle] for one in model.derivatives(self.state, wanted, gyros=gyros)]
 
     def effect_columns(self, model: ForwardModel, effect: str, values: dict[str, float]) -> tuple[Array, Array]:
         """(k, C, m) what one unit of each amplitude of an effect does, and the amplitudes' values (k,)."""

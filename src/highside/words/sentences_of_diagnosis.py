@@ -12,6 +12,7 @@ from highside.words.sentences_of_data import SAID
 ANSWERS = (
     said_later("only %(names)s would explain it, of a size that no instrument has"),
     said_later("it resembles %(names)s, but a smooth law would explain more of it"),
+    said_later("it resembles %(names)s, but most of it is left"),
     said_later("as good as %(effect)s: %(law)s"),
     said_later("more attitudes, where the two differ most: all over the range of what they follow"),
     said_later("%(left)s rms are left out; they resemble %(effect)s, but %(law)s is ahead of it by %(nats)s nats"),

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from highside.arrays import Array
 from highside.diagnosis.laws.problem import CovariateValues, LawProblem, PlaceField, fields_that_act
@@ -38,12 +40,27 @@ def place_fields(model: ForwardModel, state: ChainState, places: Sequence[str], 
     ]
 
 
-def covariate_values(state: ChainState, load: Array) -> CovariateValues:
-    """(n,) of each covariate; (3, n) where it differs from axis to axis."""
+@dataclass(frozen=True)
+class AllRows:
+    """All rows of a session of which some stand for the rest: their numbers (n,) are `chosen`."""
+
+    state: ChainState
+    chosen: NDArray[np.intp]
+
+
+def covariate_values(state: ChainState, load: Array, among: AllRows | None = None) -> CovariateValues:
+    """(n,) of each covariate; (3, n) where it differs from axis to axis.
+
+    Where the states stand for more rows (`among`), what depends on the clock or on what came before is that of all of
+    them: a temperature that lags begins at the first row, not at the first that was chosen.
+    """
     found: dict[str, Array] = {}
     for name, known in COVARIATES.items():
         if known.own:
             found[name] = np.stack([known.of(state, load, axis) for axis in range(len(AXES))])
+        elif among is not None and known.clock:
+            # none of these reads the load
+            found[name] = np.asarray(known.of(among.state, load, 0), dtype=float)[among.chosen]
         else:
             found[name] = np.asarray(known.of(state, load, 0), dtype=float)
     for name in state.extra:
@@ -54,7 +71,10 @@ def covariate_values(state: ChainState, load: Array) -> CovariateValues:
     if not state.n or state.pose[0] == state.pose[-1]:
         for name in ("time_since_move", "previous_load"):
             del found[name]
-    return CovariateValues(found, state.t_s)
+    if among is None:
+        return CovariateValues(found, state.t_s)
+    temp = np.asarray(among.state.temp_c, dtype=float)
+    return CovariateValues(found, among.state.t_s, (temp, among.chosen))
 
 
 def chain_problem(
@@ -68,8 +88,9 @@ def chain_problem(
     jitter: Array | None = None,
     orders: tuple[float, ...] = (),
     every_pair: bool = False,
+    among: AllRows | None = None,
 ) -> LawProblem:
-    """The problem of a residual (C, n) beside what is free (P, C, n)."""
+    """The problem of a residual (C, n) beside what is free (P, C, n), of states that may stand for more rows."""
     gyros = residual.shape[0] > len(AXES)
     fields = place_fields(model, state, [*places, *(OF_GYROS if gyros else ())], gyros=gyros)
     load = np.asarray(gravity_direction(state.inc_rad, state.tf_rad), dtype=float)
@@ -80,7 +101,7 @@ def chain_problem(
         residual,
         free,
         fields_that_act(fields),
-        covariate_values(state, load),
+        covariate_values(state, load, among),
         floor,
         state.t_s,
         jitter,

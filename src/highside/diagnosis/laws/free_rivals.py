@@ -54,7 +54,7 @@ def with_free_rivals(claims: Sequence[Claim], found: Found) -> tuple[tuple[Claim
         # a name with a shape of its own stands here at one value of it, and may do better at another; the curve of an
         # effect that somebody learned is known as well as their session told, and a law has one of its own here
         effect = all_effects()[claim.effect]
-        settled = type(effect).__module__.startswith(BUILT_IN) and not effect.shapes
+        settled = type(effect).__module__.startswith(BUILT_IN) and (not effect.shapes or beside_laws(found))
         ahead[claim.effect] = nats if settled else np.inf
         laws = [*alone, *together]
         more = tuple(dict.fromkeys((*claim.equivalence_class, *laws)))
@@ -82,18 +82,27 @@ def doubted_of(found: Found, ahead: Mapping[str, float]) -> frozenset[str]:
     """The names that are to give way, as one law does better in their place: of stepped sessions, where that was tried.
 
     Where most of it is left, a name must itself be clearly better than each: what stands in its place may leave
-    nothing.
+    nothing. And beside laws, which say that the library does not hold it all.
     """
     if not found.problem.every_pair:
         return frozenset()
-    least = LAW_SEARCH.gain if leaves_most(found) else -LAW_VERDICT.ahead
+    least = -LAW_VERDICT.ahead
+    if beside_laws(found):
+        least = LAW_VERDICT.beside
+    if leaves_most(found):
+        least = LAW_SEARCH.gain
     return frozenset(name for name, nats in ahead.items() if nats < least)
+
+
+def beside_laws(found: Found) -> bool:
+    """Whether laws are among the terms of a search."""
+    return any(not term.group.effect for term in found.terms)
 
 
 def leaves_most(found: Found) -> bool:
     """Whether a law may be hidden in what was learned as noise: in errors of the set angles larger than a bench makes,
-    or in readings that scatter far more than their floor says, where that is known."""
-    known = float(np.ptp(found.problem.floor)) > 0.0
+    or in readings that scatter far more than their floor says, where that is known. Of stepped sessions."""
+    known = found.problem.every_pair and float(np.ptp(found.problem.floor)) > 0.0
     far = known and float(found.noise.factor.max()) > LAW_VERDICT.most_left
     return far or may_hide_a_law(found.noise, found.problem.n)
 

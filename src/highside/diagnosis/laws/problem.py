@@ -52,16 +52,20 @@ class CovariateValues(dict[str, Array]):
     """Covariates by name: (n,), or (3, n) where one differs from axis to axis; of values that follow one another in
     time the temperature of any lag too, which is not listed. Raises KeyError for what is not known."""
 
-    def __init__(self, listed: Mapping[str, Array], t_s: Array) -> None:
+    def __init__(
+        self, listed: Mapping[str, Array], t_s: Array, among: tuple[Array, NDArray[np.intp]] | None = None
+    ) -> None:
+        """`among`: the temperature (N,) at all times `t_s` (N,), and which of these the values are at, (n,)."""
         super().__init__(listed)
-        self._t_s = t_s
+        self._t_s, self._among = t_s, among
         self._lagging: dict[str, Array] = {}
 
     def __missing__(self, name: str) -> Array:
         if not (lag := lag_of(name)) or "temp" not in self:
             raise KeyError(name)
         if name not in self._lagging:
-            self._lagging[name] = np.asarray(low_pass(self._t_s, self["temp"], float(lag)))
+            temp, chosen = self._among or (self["temp"], slice(None))
+            self._lagging[name] = np.asarray(low_pass(self._t_s, temp, float(lag)))[chosen]
         return self._lagging[name]
 
 
