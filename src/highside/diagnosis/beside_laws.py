@@ -53,6 +53,8 @@ class _Outcome:
     """a name stands where a law was found"""
     doubted: frozenset[str] = frozenset()
     """names that are to give way to laws, or have"""
+    behind: float = 0.0
+    """nats by which the worst of these is behind a law in its place"""
     implausible: bool = False
     """the names explain it, at sizes that no instrument has"""
 
@@ -223,7 +225,7 @@ def _chosen(
         told, ahead = with_free_rivals(claims, simple)
         if is_clear(simple, ahead):
             return _Outcome(told, (), beside)
-        single = _Outcome(told, (), beside, doubted=doubted_of(simple, ahead))
+        single = _Outcome(told, (), beside, doubted=doubted_of(simple, ahead), behind=-min(ahead.values()))
     search = Search(problem, [*groups_of(problem), *own])
     kept = search.beside(own, beside.terms)
     # a search that begins with a name may not find its way to the one law that stands for it and the rest
@@ -250,7 +252,9 @@ def _chosen(
     left = proved(found)
     told, ahead = with_free_rivals(names, left)
     laws, renamed = tuple(reported_laws(left, model.ids)), found is not chosen
-    return _given_way(session, bare, claims, refused, _Outcome(told, laws, left, renamed, doubted_of(left, ahead)))
+    behind = -min(ahead.values(), default=np.inf)
+    outcome = _Outcome(told, laws, left, renamed, doubted_of(left, ahead), behind)
+    return _given_way(session, bare, claims, refused, outcome)
 
 
 def _worth(found: Found, names: set[str], quietest: float) -> float:
@@ -266,13 +270,13 @@ def _given_way(
     session: LawSession, model: ForwardModel, claims: Sequence[Claim], refused: frozenset[str], outcome: _Outcome
 ) -> _Outcome:
     """What is found without the names in whose place one law does better; where that is nothing, these with their
-    classes, unless most of what is there is left."""
+    classes, unless most of what is there is left or a law is far better, though worth no claim itself."""
     doubted = outcome.doubted
     if not doubted:
         return outcome
     staying = [c.effect for c in claims if c.effect not in doubted]
     found = _alone(session, model, staying, refused | doubted)
-    if found.names or found.laws or leaves_most(outcome.found):
+    if found.names or found.laws or leaves_most(outcome.found) or outcome.behind >= LAW_VERDICT.beside:
         return replace(found, doubted=doubted)
     return replace(outcome, doubted=frozenset())
 
