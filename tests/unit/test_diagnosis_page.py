@@ -22,9 +22,11 @@ from highside.diagnosis.core.result import (
     NotTestable,
 )
 from highside.diagnosis.rows.session import RotationSession
+from highside.diagnosis.table.chain import CELLS
 from highside.physics.effects import all_effects
 from highside.physics.forward import ForwardModel
 from highside.physics.plan import RotationPlan, Session, Site
+from highside.report import diagnosis_figures
 from highside.report.diagnosis_figures import over_time, residuals
 from highside.report.diagnosis_page import _places, page_of
 from highside.report.diagnosis_words import axis_name, proof, rounded, shown, sizes, verdict_words
@@ -101,6 +103,10 @@ def points_of(panel: Panel) -> list[Points]:
 
 def claim_of(effect: str) -> Claim:
     return Claim(effect, "", "", "kinematic", {}, 0.0, (effect,), (), "none needed")
+
+
+def test_every_column_of_an_error_table_has_a_panel() -> None:
+    assert diagnosis_figures.CELLS == CELLS
 
 
 def test_no_picture_stands_twice_on_the_page() -> None:

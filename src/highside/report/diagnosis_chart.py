@@ -2,23 +2,26 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from highside.diagnosis.core.problem import ReportData
-from highside.diagnosis.table.chain import CELLS
-from highside.diagnosis.table.engine import SummaryReportData
-from highside.report.diagnosis_figures import AFTER, BEFORE, CELL_TITLES, FEW
+from highside.report.diagnosis_figures import AFTER, BEFORE, CELL_TITLES, CELLS, FEW
 from highside.report.misfit_steps import unit_of
 from highside.shown.panel import Look, PlotLine, PlotPanel
 from highside.shown.plot import Plot
 from highside.words import _
+
+if TYPE_CHECKING:
+    from highside.diagnosis.table.engine import SummaryReportData
 
 __all__ = ["misfit_chart"]
 
 
 def misfit_chart(data: ReportData | SummaryReportData, title: str) -> Plot:
     """A panel a channel over time, or of an error table a panel a column over inclination."""
-    return Plot(title, _of_table(data) if isinstance(data, SummaryReportData) else _of_rows(data))
+    return Plot(title, _of_rows(data) if isinstance(data, ReportData) else _of_table(data))
 
 
 def _of_rows(data: ReportData) -> tuple[PlotPanel, ...]:

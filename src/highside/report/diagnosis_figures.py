@@ -4,6 +4,7 @@ tables. What is left has axes of its own in units of the noise: at the scale of 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,8 +12,6 @@ from numpy.typing import NDArray
 from highside.arrays import Array
 from highside.diagnosis.core.result import Curve, Location
 from highside.diagnosis.engine import ReportData
-from highside.diagnosis.table.chain import CELLS
-from highside.diagnosis.table.engine import SummaryReportData
 from highside.physics.covariates import COVARIATES
 from highside.physics.covariates import covariate as covariate_of
 from highside.physics.gravity import gravity_direction
@@ -21,6 +20,9 @@ from highside.report.diagnosis_words import axis_title, scale_of
 from highside.report.drawing import Area, Level, Line, Panel, Picture, Points, Strip, Surface
 from highside.report.misfit_steps import sigma_of, unit_of
 from highside.words import _, said_later, told
+
+if TYPE_CHECKING:
+    from highside.diagnosis.table.engine import SummaryReportData
 
 Ints = NDArray[np.intp]
 
@@ -34,6 +36,8 @@ CELL_TITLES = {
     "d_tf_mean_deg": said_later("toolface, mean"),
     "d_tf_pp_deg": said_later("toolface, peak-to-peak"),
 }
+CELLS = tuple(CELL_TITLES)
+"""the columns of an error table"""
 
 
 def residuals(report_data: ReportData, location: Location, effect: str | None = None) -> list[Picture]:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
 import numpy as np
 from markupsafe import Markup
 
 from highside.diagnosis.core.result import Claim, DiagnosisResult, Location
 from highside.diagnosis.engine import ReportData
-from highside.diagnosis.table.engine import SummaryReportData
 from highside.physics.law import Law
 from highside.report.diagnosis_chart import misfit_chart
 from highside.report.diagnosis_claims import (
@@ -48,6 +48,9 @@ from highside.shown.screen import can_draw
 from highside.words import _
 from highside.words.marked import in_words
 
+if TYPE_CHECKING:
+    from highside.diagnosis.table.engine import SummaryReportData
+
 __all__ = ["VERDICTS", "page_of"]
 
 MAGNITUDE = "g_total"
@@ -72,7 +75,7 @@ def page_of(diagnosis: DiagnosisResult, report_data: ReportData | SummaryReportD
     if rows is not None and steps is not None:
         page.figure(waterfall(steps, _titles(diagnosis, steps)), _waterfall_caption(steps))
         page.figure(over_time(rows), _over_time_caption(rows))
-    elif isinstance(report_data, SummaryReportData):
+    elif report_data is not None and not isinstance(report_data, ReportData):
         _table_figures(page, diagnosis, report_data)
     if diagnosis.claims:
         headers, lines = claims_table(diagnosis.claims, shares)
