@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from highside.cli import bench, bench_sessions, certificate, iscwsa, verification
+from highside.cli.loading import loading
 from highside.cli.options import as_options
 from highside.cli.own_effects import EffectFolders, take_in
 from highside.cli.say import echo, echo_json, report_omitted
@@ -125,10 +126,10 @@ def solve(
     as_json: JsonOption = False,
 ) -> None:
     """Solve a pose table and write a calibration record. Exit 1: something was refused (see what is said)."""
-    from highside.api.calibration import calibrate
-    from highside.calibration.methods import faults
-    from highside.cli.keys import signing_key_if_any
-
+    with loading():
+        from highside.api.calibration import calibrate
+        from highside.calibration.methods import faults
+        from highside.cli.keys import signing_key_if_any
     report_omitted("calibration method", faults())
     if model is not None:
         take_in(effects)

@@ -17,6 +17,7 @@ import typer
 
 from highside.cli import examples
 from highside.cli.guards import guard
+from highside.cli.loading import loading
 from highside.cli.options import as_options, in_options
 from highside.cli.say import echo
 from highside.errors import HighsideError
@@ -142,7 +143,8 @@ def run(arguments: list[str]) -> int:
     if not sys.warnoptions and not os.environ.get("HIGHSIDE_DEBUG"):
         warnings.filterwarnings("ignore", _OF_ARITHMETIC, RuntimeWarning)
     try:
-        app = app_of(arguments[0] if arguments and arguments[0] in COMMANDS else None)
+        with loading():
+            app = app_of(arguments[0] if arguments and arguments[0] in COMMANDS else None)
         return int(app(arguments, standalone_mode=False) or 0)
     except UsageFault as error:
         return _usage(error)

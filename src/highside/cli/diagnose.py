@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from highside.cli.loading import loading
 from highside.cli.options import Language, as_options
 from highside.cli.own_effects import EffectFolders, take_in
 from highside.cli.say import echo
@@ -102,9 +103,9 @@ def diagnose(
     language: Language = "en",
 ) -> None:
     """Say where a recording departs from the simulation, what was left out, and how sure that is."""
-    from highside.api import diagnosis as api
-    from highside.cli.diagnose_progress import progress_on_terminal
-
+    with loading():
+        from highside.api import diagnosis as api
+        from highside.cli.diagnose_progress import progress_on_terminal
     out = _require_consistent(recording, out, summary, simulation, write_model, align)
     if cluster is not None:
         run_by_run = _spreadable(run_by_run, summary, effects)

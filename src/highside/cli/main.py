@@ -43,6 +43,9 @@ def main() -> None:
         import asyncio
 
         asyncio.set_event_loop_policy(asyncio.WindowsSelectorEventLoopPolicy())
-    from highside.cli.commands import run
+    from highside.cli.loading import loading, own_process
 
+    own_process()
+    with loading():
+        from highside.cli.commands import run
     sys.exit(run(sys.argv[1:]))

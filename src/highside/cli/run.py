@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from highside.cli.linux import linux_alone
+from highside.cli.loading import loading
 from highside.cli.options import PrintLanguage, speaking
 from highside.cli.say import echo, echo_json, report_omitted
 from highside.errors import InputError
@@ -103,11 +104,11 @@ def check(
 
 
 def _check(config: Path, overrides: list[str] | None, *, as_json: bool) -> None:
-    from highside.codec.registry import faults
-    from highside.config.settings import load
-    from highside.config.tools import has_tools, load_tools
-    from highside.reading import read_toml
-
+    with loading():
+        from highside.codec.registry import faults
+        from highside.config.settings import load
+        from highside.config.tools import has_tools, load_tools
+        from highside.reading import read_toml
     report_omitted("codec", faults())
     if "plan" in read_toml(config):
         _check_bench(config, overrides, as_json)
