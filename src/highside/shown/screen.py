@@ -84,7 +84,7 @@ def _library() -> Markup:
     assert found.origin is not None
     folder = Path(found.origin).parent / "server" / "static" / "js"
     script = b"\n".join((folder / name).read_bytes() for name in LIBRARY)
-    return Markup(base64.b64encode(gzip.compress(script, 6, mtime=0)).decode())
+    return Markup(base64.b64encode(gzip.compress(script, 4, mtime=0)).decode())
 
 
 def _need_bokeh() -> None:
