@@ -180,6 +180,7 @@ class Bench:
         logging.disable(logging.CRITICAL)
         shutil.copy(seeds.ROOT / "config" / "highside.dbc", self.folder / "highside.dbc")
         self.replies: list[bytes] = []
+        self.calibration = self.put(seeds.record().to_json().encode(), "cal.json")
         self.keeper = self._keeper()
         self.watch_keeper = self._watch_keeper()
 
@@ -276,7 +277,7 @@ class Bench:
     def watched_error_model(self, data: bytes) -> bool:
         """What a watch left, and a tool model: the same bytes as both."""
         path = self.put(data, "watch.json")
-        made = error_model(self.put(seeds.record().to_json().encode(), "cal.json"), watch=path)
+        made = error_model(self.calibration, watch=path)
         made.save(self.folder / "model.json", into=path)
         return True
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import socket
 import time
@@ -76,6 +77,61 @@ def test_a_manager_that_does_not_read_never_holds_up_the_service(manager: tuple[
         assert time.monotonic() - begin < 30.0
         assert 0 < sent < 20_000
         assert notifier.lost == 20_000 - sent
+
+
+def test_that_the_service_is_ready_arrives_when_the_manager_reads_again(
+    manager: tuple[socket.socket, str],
+) -> None:
+    """Type=notify: who is not heard to be ready is ended."""
+    receiver, address = manager
+    with Notifier({"NOTIFY_SOCKET": address}) as notifier:
+        while notifier.watchdog():
+            pass
+        assert not notifier.ready("tool t1")
+        assert not notifier.status("12 frames/s")
+        received = _all(receiver)
+        assert set(received) == {b"WATCHDOG=1"}
+        assert notifier.watchdog()
+        assert _all(receiver) == [b"READY=1\nSTATUS=tool t1", b"WATCHDOG=1"]
+        assert notifier.watchdog()
+        assert _all(receiver) == [b"WATCHDOG=1"], "once"
+
+
+def test_a_reload_that_a_full_socket_did_not_take_is_told_whole_and_in_order(
+    manager: tuple[socket.socket, str],
+) -> None:
+    receiver, address = manager
+    with Notifier({"NOTIFY_SOCKET": address}) as notifier:
+        while notifier.watchdog():
+            pass
+        notifier.ready("begun")
+        for _ in range(3):
+            notifier.reloading()
+            notifier.ready("reloaded")
+        _all(receiver)
+        notifier.status("12 frames/s")
+        words = [message.split(b"\n")[0] for message in _all(receiver)]
+        assert words == [b"READY=1", b"RELOADING=1", b"READY=1", b"STATUS=12 frames/s"]
+
+
+def test_a_manager_that_comes_late_hears_that_the_service_is_ready(tmp_path: Path) -> None:
+    address = str(tmp_path / "notify")
+    with Notifier({"NOTIFY_SOCKET": address}) as notifier:
+        assert not notifier.ready()
+        with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as receiver:
+            receiver.bind(address)
+            assert notifier.status("on")
+            assert _all(receiver) == [b"READY=1", b"STATUS=on"]
+
+
+def _all(receiver: socket.socket) -> list[bytes]:
+    """What waits in the socket."""
+    receiver.setblocking(False)
+    received = []
+    with contextlib.suppress(BlockingIOError):
+        while True:
+            received.append(receiver.recv(4096))
+    return received
 
 
 def test_a_manager_that_has_gone_is_counted_not_raised(tmp_path: Path) -> None:

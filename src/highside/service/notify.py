@@ -3,7 +3,8 @@
 systemd hands the service the address of a datagram socket in NOTIFY_SOCKET and takes lines `KEY=VALUE` from it. Outside
 of systemd the variable is absent and every call here does nothing, so the service need not know where it runs.
 A message is sent without waiting: a manager that does not read must not hold up the acquisition; what could not be
-sent is counted.
+sent is counted. That the service is ready, and that a reload began, is owed until it was taken: a manager that has not
+heard of it ends the service after `TimeoutStartSec`. It goes before the next status or sign of life.
 
 Protocol: sd_notify(3), sd_watchdog_enabled(3), systemd.service(5) (`Type=notify`, `Type=notify-reload`).
 """
@@ -28,6 +29,8 @@ class Notifier:
         """messages that the manager's socket did not take"""
         self.watchdog_interval_s = _watchdog_interval_s(environ)
         """longest allowed time between two `watchdog()` calls, None where nobody watches this process"""
+        self._owed: list[tuple[str, ...]] = []
+        """what changes the manager's mind, in its order, and was not taken yet: at most READY, RELOADING, READY"""
         self._address = _socket_address(environ.get("NOTIFY_SOCKET", ""))
         self._socket: socket.socket | None = None
         if self._address is not None:
@@ -41,24 +44,29 @@ class Notifier:
 
     def ready(self, status: str = "") -> bool:
         """The service does its work now (also: a reload has ended)."""
-        return self._send("READY=1", *_status_lines(status))
+        return self._owe("READY=1", *_status_lines(status))
 
     def status(self, text: str) -> bool:
         """One line for `systemctl status`."""
+        self._pay()
         return self._send(*_status_lines(text))
 
     def watchdog(self) -> bool:
         """The pipeline has made progress since the last call."""
+        self._pay()
         return self._send("WATCHDOG=1")
 
     def reloading(self, status: str = "") -> bool:
         """A reload begins; `ready()` ends it, whether the new configuration was taken or not."""
         # systemd pairs the message with its own SIGHUP by this time stamp of CLOCK_MONOTONIC
         stamp_us = time.monotonic_ns() // 1_000
-        return self._send("RELOADING=1", f"MONOTONIC_USEC={stamp_us}", *_status_lines(status))
+        # a reload that the manager has not heard of is over for it, too; that the service began is not
+        self._owed = self._owed[:1] if self._owed and self._owed[0][0] == "READY=1" else []
+        return self._owe("RELOADING=1", f"MONOTONIC_USEC={stamp_us}", *_status_lines(status))
 
     def stopping(self, status: str = "") -> bool:
         """The service is on its way out."""
+        self._owed.clear()
         return self._send("STOPPING=1", *_status_lines(status))
 
     def close(self) -> None:
@@ -74,6 +82,19 @@ class Notifier:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
+
+    def _owe(self, *lines: str) -> bool:
+        """Send what must arrive, now or with a later message. Returns whether it was taken now."""
+        if self._socket is None:
+            return False
+        self._owed.append(lines)
+        return self._pay()
+
+    def _pay(self) -> bool:
+        """Send what is owed, in its order. Returns whether nothing is left."""
+        while self._owed and self._send(*self._owed[0]):
+            del self._owed[0]
+        return not self._owed
 
     def _send(self, *lines: str) -> bool:
         """Send one datagram. Returns whether the manager's socket took it (False outside of systemd)."""
