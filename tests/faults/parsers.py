@@ -41,6 +41,8 @@ from highside.config.codecs import codec_from_file
 from highside.config.model import load_model
 from highside.config.mqtt import MqttSettings
 from highside.config.settings import load, parse_overrides, validate
+from highside.fleet.archive import row_of as archive_row_of
+from highside.fleet.archive import table_of as archive_table_of
 from highside.fleet.catalogue import catalogue_of
 from highside.importing import profiles
 from highside.importing.core.wishes import Wishes
@@ -393,6 +395,12 @@ class Bench:
             self.folder, lambda reply, _done: self.replies.append(reply), said, lambda: parts, DamageLog()
         )
 
+    def archived(self, data: bytes) -> bool:
+        """A message of a tool, to the row of a table."""
+        found = archive_row_of("highside/t1/attitude", data)
+        assert found is not None
+        return bool(archive_table_of([found[1]]).num_rows == 1)
+
     def drift_command(self, data: bytes) -> bool:
         self.replies.clear()
         self.keeper.on_command(data, retained=False)
@@ -573,6 +581,7 @@ def all_parsers(bench: Bench) -> Sequence[Parser]:
         ),
         Parser("import containers", of(*containers), bench.import_container, containers, CONTAINERS),
         Parser("fleet catalogue", of(seeds.CATALOGUE), bench.catalogue, (seeds.CATALOGUE,), FLEET),
+        Parser("archived message", of(*seeds.PUBLISHED), bench.archived, seeds.PUBLISHED, ("fleet/archive",)),
         Parser("import profile", of(seeds.PROFILE), bench.import_profile, (seeds.PROFILE,), IMPORT),
         Parser(
             ".hsw",

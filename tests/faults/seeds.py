@@ -40,6 +40,13 @@ from highside.service.saved_drift import DriftFile, Stamp  # noqa: E402
 from highside.service.saved_watch import SavedWatch, WatchFile  # noqa: E402
 from highside.service.watch_stage import Watched, WatchStage  # noqa: E402
 
+PUBLISHED = (
+    b'{"tool": "t1", "seq": 17, "t": 1790000000.25, "t_mono": 12.5, "inc_deg": 31.25, "inc_std_deg": 0.01,'
+    b' "tf_deg": 120.5, "tf_std_deg": 0.02, "g_total": 1.0002, "temp_c": 41.5, "cal_id": "0123abcd", "zone": "high",'
+    b' "flags": ["g_total"], "historical": false}',
+    b'{"seq": 3, "t": 1790000000.25, "inc_deg": 31.25, "azi_deg": null, "duration_s": 12.0, "accepted": true,'
+    b' "cal_id": null, "flags": []}',
+)
 SERVICE = b"""
 [tool]
 id = "t1"

@@ -16,7 +16,7 @@ from daemon import HIGHSIDE, wait_for
 from paho.mqtt.enums import CallbackAPIVersion
 
 from highside.errors import InputError
-from highside.fleet.archive import row_of
+from highside.fleet.archive import Archive, row_of
 
 pytestmark = pytest.mark.slow
 
@@ -76,6 +76,40 @@ def test_a_message_without_a_number_is_damage_and_others_are_not_kept() -> None:
     assert row_of("highside/t1/health", b"{}") is None
     with pytest.raises(InputError, match="no sequence number"):
         row_of("highside/t1/attitude", b'{"seq": "x"}')
+
+
+@pytest.mark.parametrize(
+    "members",
+    [
+        b'"seq": true',
+        b'"seq": 9223372036854775808',
+        b'"seq": -1',
+        b'"seq": 1.5',
+        b'"seq": 1, "cal_id": "' + b"x" * 20_000 + b'"',
+        b'"seq": 1, "t": 1' + b"0" * 400,
+        b'"seq": 1, "cal_id": "\\ud800"',
+    ],
+)
+def test_a_message_that_no_table_takes_is_damage_and_what_came_beside_it_is_kept(
+    members: bytes, tmp_path: Path
+) -> None:
+    """It is acknowledged with the others: unacknowledged it would come again at each start, and end the archive."""
+    archive = Archive(tmp_path)
+    archive.take("highside/t1/attitude", b'{"seq": 7, "t": true, "flags": [1, "x"], "zone": 3}')
+    archive.take("highside/t1/attitude", b"{%s}" % members)
+    archive.flush()
+    assert (archive.kept, archive.damaged) == (1, 1)
+    (row,) = rows(tmp_path, "attitude")
+    assert (row["seq"], row["t"], row["flags"], row["zone"]) == (7, None, ["x"], None)
+
+
+@pytest.mark.parametrize("ca", ["absent.pem", "text.pem"])
+def test_certificates_that_are_none_are_one_line(ca: str, tmp_path: Path) -> None:
+    (tmp_path / "text.pem").write_text("no certificate\n")
+    given = [str(HIGHSIDE), "fleet", "archive", "--port", "1", "--out", str(tmp_path), "--ca", str(tmp_path / ca)]
+    done = subprocess.run(given, capture_output=True, text=True)
+    assert (done.returncode, len(done.stderr.splitlines())) == (2, 1)
+    assert f"{ca}: --ca: " in done.stderr
 
 
 def test_a_broker_that_does_not_answer_is_one_line(tmp_path: Path) -> None:

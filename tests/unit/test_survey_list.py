@@ -10,6 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 import highside
+from highside.cli.commands import run
 from highside.cli.main import app
 from highside.errors import InputError
 from highside.recording.survey_files import trajectory_class
@@ -235,3 +236,15 @@ def test_lines_that_are_no_surveys_are_counted_in_the_list_and_said(tmp_path: Pa
     done = CliRunner().invoke(app, command)
     assert done.exit_code == 0, done.output
     assert "left out: 2 (no survey)" in done.output
+
+
+def test_a_word_that_is_no_text_is_one_line_and_nothing_is_written(
+    kept: Path, depths: Path, gyro: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Bytes of a terminal that does not speak UTF-8, in what is written into the file."""
+    out = tmp_path / "out.las"
+    line = ["surveys", "export", str(kept), "--to", "las", "-o", str(out), "--depths", str(depths), "--datum"]
+    assert run([*line, "M\udcfcller"]) == 2
+    assert capsys.readouterr().err == "highside: M\\udcfcller: holds bytes that are no text; write it in UTF-8\n"
+    assert not out.exists()
+    assert run([*line, "Müller"]) == 0

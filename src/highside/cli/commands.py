@@ -138,6 +138,15 @@ _OF_ARITHMETIC = r"(overflow|underflow|invalid value|divide by zero) encountered
 1e300 is said by the answer."""
 
 
+def _is_no_text(argument: str) -> bool:
+    """Whether the command line had bytes there that are not UTF-8: a file may be called so, what is written may not."""
+    try:
+        argument.encode()
+    except UnicodeEncodeError:
+        return True
+    return False
+
+
 def run(arguments: list[str]) -> int:
     """Do what the command line says; the exit status."""
     if not sys.warnoptions and not os.environ.get("HIGHSIDE_DEBUG"):
@@ -164,6 +173,9 @@ def run(arguments: list[str]) -> int:
         if isinstance(error, OSError) and error.filename is None and error.errno in _NO_ROOM:
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             echo(f"highside: the output cannot be written: {error.strerror}; make room, or send it elsewhere", err=True)
+            return 2
+        if isinstance(error, UnicodeEncodeError) and (given := next(filter(_is_no_text, arguments), None)) is not None:
+            echo(f"highside: {one_line(given)}: holds bytes that are no text; write it in UTF-8", err=True)
             return 2
         if os.environ.get("HIGHSIDE_DEBUG"):
             raise

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import getpass
 import sys
+import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -147,4 +149,7 @@ def _password(stdin: bool) -> str:
     need_argon2()
     if stdin:
         return hashed(sys.stdin.readline(4 * LENGTH_MAX).rstrip("\r\n"))
-    return hashed(str(typer.prompt("Password", hide_input=True, confirmation_prompt=True)))
+    with warnings.catch_warnings():
+        # that no terminal is there is seen by the prompt
+        warnings.simplefilter("ignore", getpass.GetPassWarning)
+        return hashed(str(typer.prompt("Password", hide_input=True, confirmation_prompt=True)))

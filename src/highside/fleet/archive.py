@@ -13,7 +13,7 @@ from __future__ import annotations
 import queue
 import time
 import uuid
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -22,10 +22,11 @@ import paho.mqtt.client as mqtt
 from paho.mqtt.enums import CallbackAPIVersion
 
 from highside.errors import HighsideError, InputError
-from highside.reading import parse_json
+from highside.reading import parse_json, read_named
+from highside.reading.files import CERTIFICATES_MAX
 from highside.recording.files import make_directory, write_whole
 
-__all__ = ["KINDS", "Archive", "Broker", "follow", "row_of"]
+__all__ = ["KINDS", "Archive", "Broker", "follow", "row_of", "table_of"]
 
 KINDS = ("attitude", "survey")
 NUMBERS = (
@@ -35,6 +36,8 @@ NUMBERS = (
 FORMERLY = {"motor_toolface_deg": "toolface_deg"}
 """What a member was named before: a fleet may have tools of both."""
 TEXTS = ("cal_id", "comp_id", "zone")
+MESSAGE_MAX = 16 << 10
+"""Bytes of a message: an attitude with all its members has 600"""
 MOST_ROWS = 50_000
 """Rows of a part: at 100,000 messages a second half a second of them, 5 MB."""
 
@@ -57,19 +60,30 @@ def row_of(topic: str, payload: bytes) -> tuple[str, dict[str, Any]] | None:
     tool, _, kind = topic.rpartition("/")
     if kind not in KINDS:
         return None
-    said = parse_json(payload, where=topic)
-    if not isinstance(said, dict) or not isinstance(said.get("seq"), int):
+    said = parse_json(payload, where=topic, max_bytes=MESSAGE_MAX)
+    # `true` is a whole number to Python, and none to a column
+    if not isinstance(said, dict) or type(said.get("seq")) is not int or not 0 <= said["seq"] < 1 << 63:
         raise InputError("has no sequence number", where=topic)
     row: dict[str, Any] = {"tool": tool.rpartition("/")[2], "seq": said["seq"]}
     for name in NUMBERS:
         value = said.get(name, said.get(FORMERLY.get(name, "")))
-        row[name] = float(value) if isinstance(value, int | float) else None
-    row |= {name: None if said.get(name) is None else str(said[name]) for name in TEXTS}
+        row[name] = float(value) if isinstance(value, int | float) and not isinstance(value, bool) else None
+    row |= {name: said[name] if isinstance(said.get(name), str) else None for name in TEXTS}
     flags = said.get("flags")
-    row["flags"] = [str(flag) for flag in flags] if isinstance(flags, list) else []
+    row["flags"] = [flag for flag in flags if isinstance(flag, str)] if isinstance(flags, list) else []
     row["accepted"] = said.get("accepted") if isinstance(said.get("accepted"), bool) else None
     row["historical"] = bool(said.get("historical"))
     return kind, row
+
+
+def table_of(rows: Iterable[dict[str, Any]]) -> Any:
+    """Rows of one kind as an Arrow table: of what `row_of` made, there is one."""
+    import pyarrow as pa
+
+    fields = [("tool", pa.string()), ("seq", pa.int64()), *((name, pa.float64()) for name in NUMBERS)]
+    fields += [*((name, pa.string()) for name in TEXTS), ("flags", pa.list_(pa.string()))]
+    schema = pa.schema([*fields, ("accepted", pa.bool_()), ("historical", pa.bool_())])
+    return pa.Table.from_pylist([*rows], schema=schema)
 
 
 @dataclass
@@ -97,16 +111,13 @@ class Archive:
         import pyarrow as pa
         import pyarrow.parquet as pq
 
-        fields = [("tool", pa.string()), ("seq", pa.int64()), *((name, pa.float64()) for name in NUMBERS)]
-        fields += [*((name, pa.string()) for name in TEXTS), ("flags", pa.list_(pa.string()))]
-        schema = pa.schema([*fields, ("accepted", pa.bool_()), ("historical", pa.bool_())])
         for kind, rows in self.rows.items():
             if not rows:
                 continue
             folder = self.folder / kind / time.strftime("%Y-%m-%d", time.gmtime())
             make_directory(folder)
             sink = pa.BufferOutputStream()
-            pq.write_table(pa.Table.from_pylist([*rows.values()], schema=schema), sink, compression="zstd")
+            pq.write_table(table_of(rows.values()), sink, compression="zstd")
             write_whole(folder / f"{uuid.uuid4().hex}.parquet", sink.getvalue().to_pybytes())
             self.kept += len(rows)
             rows.clear()
@@ -120,7 +131,14 @@ def follow(broker: Broker, archive: Archive, every_s: float, ended: Callable[[],
     if broker.username is not None:
         client.username_pw_set(broker.username, broker.password)
     if broker.ca is not None:
-        client.tls_set(str(broker.ca))
+        read_named(broker.ca, "--ca", max_bytes=CERTIFICATES_MAX)
+        try:
+            client.tls_set(str(broker.ca))
+        except (OSError, ValueError) as error:
+            raise InputError(
+                f"is no certificate that can be used ({error})", where=str(broker.ca), field="--ca",
+                remedy="give a PEM file",
+            ) from None  # fmt: skip
     client.on_message = lambda _client, _data, message: came.put(message)
     topics = [(f"{broker.prefix}/+/{kind}", 1) for kind in KINDS]
     client.on_connect = lambda connected, *_: connected.subscribe(topics)
@@ -150,7 +168,12 @@ def _part(
             taken.append(came.get(timeout=min(left, 0.2)))
         except queue.Empty:
             continue
-        archive.take(taken[-1].topic, bytes(taken[-1].payload))
+        try:
+            topic = taken[-1].topic
+        except UnicodeDecodeError:
+            archive.damaged += 1
+        else:
+            archive.take(topic, bytes(taken[-1].payload))
     archive.flush()
     for message in taken:
         client.ack(message.mid, message.qos)
