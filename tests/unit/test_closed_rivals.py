@@ -10,6 +10,8 @@ import highside
 from highside.report.diagnosis_words import verdict_words
 from studies import hand_outsiders
 
+FURTHER = pytest.mark.further
+
 MODEL = {
     "sensor": {"noise_g": hand_outsiders.NOISE_G, "free": ["bias", "scale", "misalignment"]},
     "reference": {"kind": "magnitude"},
@@ -67,7 +69,7 @@ def test_what_needs_no_clock_keeps_its_name_in_a_table_without_times() -> None:
     assert [c.effect for c in found.claims] == ["quadratic"]
 
 
-@pytest.mark.parametrize("seed", [506, 513])
+@pytest.mark.parametrize("seed", [506, pytest.param(513, marks=FURTHER)])
 def test_a_name_that_grows_beyond_its_plausible_range_is_refused_by_name(seed: int) -> None:
     """A modulus and a square of 20 mg and more: laws do not take what the name explains, and what an offset
     that was fitted without it does to |g| beyond first order is no law."""

@@ -19,6 +19,8 @@ from highside.physics.state import ChainState
 from studies import diagnosis_deck as deck
 
 STATE = deck.design()
+FURTHER = pytest.mark.further
+"""These effects are named in `test_library_effects`, `test_diagnosis_causes` or `test_diagnosis_places` too."""
 
 
 def at(inclinations: list[float], toolfaces: list[float], repeats: int = 1) -> ChainState:
@@ -44,12 +46,12 @@ def single(effect: str) -> tuple[DiagnosisResult, dict[str, float]]:
 @pytest.mark.parametrize(
     "effect",
     [
-        "base_tilt",
-        "encoder_first_harmonic",
+        pytest.param("base_tilt", marks=FURTHER),
+        pytest.param("encoder_first_harmonic", marks=FURTHER),
         "backlash",
         "sag",
-        "cubic",
-        "temperature_scale",
+        pytest.param("cubic", marks=FURTHER),
+        pytest.param("temperature_scale", marks=FURTHER),
         "temperature_bias",
         "cogging",
     ],
@@ -78,7 +80,7 @@ def test_two_effects_at_once_are_both_named() -> None:
     ("kind", "seed"),
     [
         ("white", 100),
-        ("white", 101),
+        pytest.param("white", 101, marks=FURTHER),
         ("one bad channel x4", 100),
         ("table jitter", 101),
         ("heavy tails", 100),
@@ -92,7 +94,7 @@ def test_noise_alone_is_given_no_name(kind: str, seed: int) -> None:
         assert found.verdict == "nothing_left_out"
 
 
-@pytest.mark.parametrize("seed", [100, 102])
+@pytest.mark.parametrize("seed", [100, pytest.param(102, marks=FURTHER)])
 def test_a_wandering_bias_is_called_wander_and_not_given_a_cause(seed: int) -> None:
     rng = np.random.default_rng(seed)
     sensor, _ = deck.sensor_and_base(STATE, rng)
@@ -105,7 +107,11 @@ def test_a_wandering_bias_is_called_wander_and_not_given_a_cause(seed: int) -> N
 
 @pytest.mark.parametrize(
     ("name", "follows"),
-    [("temperature x z^2", "temp"), ("temperature x cos 3T", "tf"), ("bump at one toolface", "tf")],
+    [
+        ("temperature x z^2", "temp"),
+        ("temperature x cos 3T", "tf"),
+        pytest.param("bump at one toolface", "tf", marks=FURTHER),
+    ],
 )
 def test_what_the_library_does_not_have_is_given_no_name_of_it_but_a_law(name: str, follows: str) -> None:
     found = deck.diagnosed(deck.outsider(STATE, name, 400.0, seed=21))
@@ -189,8 +195,15 @@ def test_few_poses_are_refused_with_the_number_needed() -> None:
 
 @pytest.mark.parametrize(
     ("effect", "times"),
-    [(name, 100) for name in ("sag", "base_tilt", "reference_twist", "backlash", "stiction")]
-    + [("base_tilt", 10), ("stiction", 10)],
+    [
+        ("sag", 100),
+        ("base_tilt", 100),
+        pytest.param("reference_twist", 100, marks=FURTHER),
+        pytest.param("backlash", 100, marks=FURTHER),
+        ("stiction", 100),
+        pytest.param("base_tilt", 10, marks=FURTHER),
+        ("stiction", 10),
+    ],
 )
 def test_what_a_strong_effect_does_beyond_first_order_is_given_no_name_of_its_own(effect: str, times: int) -> None:
     rng = np.random.default_rng(5)
@@ -210,8 +223,8 @@ def test_what_a_strong_effect_does_beyond_first_order_is_given_no_name_of_its_ow
 @pytest.mark.parametrize(
     ("effect", "shape", "strength"),
     [
-        ("warmup", {"tau": 1300.0}, 3e4),
-        ("thermal_lag", {"tau": 270.0}, 3e4),
+        pytest.param("warmup", {"tau": 1300.0}, 3e4, marks=FURTHER),
+        pytest.param("thermal_lag", {"tau": 270.0}, 3e4, marks=FURTHER),
         ("thermal_lag", {"tau": 270.0}, 1e6),
         ("thermal_hysteresis", {"width": 5.7}, 1e6),
     ],

@@ -22,6 +22,8 @@ from highside.physics.plan import RotationPlan, Session, Site
 from studies import diagnosis_deck as deck
 from studies.scenario import random_sensor
 
+FURTHER = pytest.mark.further
+
 STATE = deck.design()
 FREE = ("bias", "scale", "misalignment")
 
@@ -80,7 +82,7 @@ def test_a_bump_over_the_toolface_is_located_where_it_is() -> None:
     assert overlap(place.intervals, 80.0, 180.0) > 0.6
 
 
-@pytest.mark.parametrize("inclination", [20.0, 45.0, 90.0])
+@pytest.mark.parametrize("inclination", [20.0, pytest.param(45.0, marks=FURTHER), 90.0])
 def test_one_inclination_that_is_off_is_no_noise_that_remembers_but_that_inclination(inclination: float) -> None:
     rng = np.random.default_rng(int(inclination))
     sensor, base = deck.sensor_and_base(STATE, rng)
@@ -154,7 +156,7 @@ def test_a_vibration_of_a_while_is_found_when_it_was_there() -> None:
     assert overlap(found.location[0].intervals, first, last) > 0.6
 
 
-@pytest.mark.parametrize("seed", [2, 3])
+@pytest.mark.parametrize("seed", [2, pytest.param(3, marks=FURTHER)])
 def test_noise_that_grows_and_shrinks_and_remembers_is_no_burst(seed: int) -> None:
     session, _ = turning_rows(0.0, seed)
     assert diagnose_rotation(session, ForwardModel.of({}), FREE)[0].verdict == "nothing_left_out"

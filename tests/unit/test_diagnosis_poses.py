@@ -11,6 +11,8 @@ from highside.diagnosis.poses.session import PoseSession, pose_session
 from highside.physics.forward import ForwardModel
 from studies import diagnosis_deck as deck
 
+FURTHER = pytest.mark.further
+
 STATE = deck.design()
 UNREST = 0.4 + 1.6 * np.sin(np.linspace(0, 2 * np.pi, STATE.n)) ** 2
 """How the noise grows and shrinks twice in a session."""
@@ -44,7 +46,7 @@ def size_of(session: PoseSession) -> np.ndarray:
     return PoseProblem.of(session, ForwardModel.of({}), deck.FREE, 1).noise.size
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", [1, 2, pytest.param(3, marks=FURTHER)])
 def test_noise_that_follows_the_scatter_within_the_poses_is_weighed_by_it(seed: int) -> None:
     session = restless(seed, 4, UNREST)
     assert session.scatter is not None
@@ -84,7 +86,7 @@ def test_what_decays_within_the_first_poses_does_not_hide_what_lasts() -> None:
     assert {claim.effect for claim in found.claims} == set(effects)
 
 
-@pytest.mark.parametrize("width", [1.7, 4.0])
+@pytest.mark.parametrize("width", [1.7, pytest.param(4.0, marks=FURTHER)])
 def test_hysteresis_of_a_width_between_those_tried_is_not_taken_for_lag(width: float) -> None:
     found = deck.diagnosed(
         simulated({"thermal_hysteresis": {"h_x": 1e-4, "h_y": -8e-5, "h_z": 6e-5, "width": width}}, 3)

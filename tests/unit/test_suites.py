@@ -3,6 +3,7 @@ that computes at a lower priority; each one's output is shown, and one that fail
 
 from __future__ import annotations
 
+import ast
 import os
 import signal
 import subprocess
@@ -25,7 +26,7 @@ CHECKS = "all-checks"
 FAILING = {
     "checks": CHECKS,
     "guests": "*tests/guest*",
-    "unit 2 of 4": "*tests/unit/test_*.py*",
+    "unit": "*tests/unit/test_*.py*",
     "timing": "*-m?timing",
     "": "nothing",
 }
@@ -34,10 +35,9 @@ FAILING = {
 def suites(folder: Path, project_root: Path, failing: str = "", pause: float = 0.05) -> list[str | Path]:
     """The command, with the program in place of Python."""
     python, pattern = folder / "python", FAILING[failing]
-    if failing.startswith("unit"):
-        # one file of that piece
-        files = sorted((project_root / "tests/unit").glob("test_*.py"))
-        pattern = f"*tests/unit/{files[1].name}*"
+    if failing == "unit":
+        # the piece that this file is in
+        pattern = f"*tests/unit/{Path(__file__).name}*"
     python.write_text(
         PYTHON.format(books=folder / "books", priorities=folder / "priorities", pause=pause, failing=pattern)
     )
@@ -58,18 +58,29 @@ def test_each_piece_is_shown_and_one_that_fails_is_a_failure(tmp_path: Path, pro
     pieces = dict(
         line.removeprefix("== ").split(": exit status ") for line in done.stdout.splitlines() if "exit status" in line
     )
-    assert {name: status.split()[0] for name, status in pieces.items() if not status.startswith("0 after")} == (
-        {failing: "5"} if failing else {}
-    )
-    assert {"checks", "guests", "integration 1 of 8", "faults", "unit 4 of 4", "session", "timing"} <= set(pieces)
+    failed = {name: status.split()[0] for name, status in pieces.items() if not status.startswith("0 after")}
+    assert list(failed.values()) == (["5"] if failing else [])
+    assert all(name == failing or (name.startswith("unit ") and failing == "unit") for name in failed)
+    assert {"checks", "guests", "integration 1 of 8", "faults", "unit 8 of 8", "session", "timing"} <= set(pieces)
     assert len([line for line in done.stdout.splitlines() if line.startswith("ran: ")]) == len(pieces)
 
 
-def test_every_test_file_is_in_one_piece_and_those_that_judge_a_pace_run_alone(
-    tmp_path: Path, project_root: Path
-) -> None:
-    subprocess.run(suites(tmp_path, project_root), capture_output=True, check=True, timeout=100)
-    books = [line.partition(" ")[::2] for line in (tmp_path / "books").read_text().splitlines()]
+@pytest.fixture(scope="module")
+def a_run(tmp_path_factory: pytest.TempPathFactory, project_root: Path) -> Path:
+    """The folder of a whole run in which nothing fails."""
+    folder = tmp_path_factory.mktemp("run")
+    subprocess.run(suites(folder, project_root), capture_output=True, check=True, timeout=100)
+    return folder
+
+
+def books_of(run: Path) -> list[tuple[str, str]]:
+    """What began and ended, in that order: "begin" or "end", and the arguments of a piece."""
+    lines = (run / "books").read_text().splitlines()
+    return [(what, arguments) for what, _, arguments in (line.partition(" ") for line in lines)]
+
+
+def test_every_test_file_is_in_one_piece_and_those_that_judge_a_pace_run_alone(a_run: Path, project_root: Path) -> None:
+    books = books_of(a_run)
     running: list[str] = []
     most_live = most = 0
     for what, arguments in books:
@@ -83,7 +94,7 @@ def test_every_test_file_is_in_one_piece_and_those_that_judge_a_pace_run_alone(
             assert running == [arguments]
     assert most_live == 2
     assert most == 3
-    for line in (tmp_path / "priorities").read_text().splitlines():
+    for line in (a_run / "priorities").read_text().splitlines():
         priority, _, arguments = line.partition(" ")
         # 19 is the lowest there is, and this test may run at it
         assert int(priority) == min(os.nice(0) + (0 if waits_for_others(arguments) else 5), 19), line
@@ -93,8 +104,52 @@ def test_every_test_file_is_in_one_piece_and_those_that_judge_a_pace_run_alone(
         name = path.relative_to(project_root).as_posix()
         if not name.startswith("tests/guest_suite/"):  # run by tests/guest, inside
             assert sum(name == place or name.startswith(f"{place}/") for place in places) == 1, name
-    with_timing = {arguments for arguments in given if "tests/integration/" in arguments or "tests/faults" in arguments}
-    assert all(arguments.endswith("-m not timing") for arguments in with_timing)
+    for arguments in given:
+        if "tests/integration/" in arguments:
+            assert arguments.endswith("-m not timing and not further")
+        elif "tests/faults" in arguments:
+            assert arguments.endswith("-m not timing")
+        elif "tests/unit/" in arguments:
+            assert arguments.endswith("-m not further")
+        else:
+            assert "-m not" not in arguments
+
+
+def test_files_are_dealt_out_by_the_time_that_they_take(a_run: Path, project_root: Path) -> None:
+    """Those that are listed are there; and no piece of the files has much more to do than another."""
+    listed = [line.split() for line in (project_root / ".ci/seconds").read_text().splitlines() if line[0] != "#"]
+    seconds = {name: float(cost) for cost, name in listed}
+    assert len(seconds) == len(listed)
+    assert [name for name in seconds if not (project_root / name).is_file()] == []
+    books = books_of(a_run)
+    for place in ("tests/unit/", "tests/integration/"):
+        given = [arguments for what, arguments in books if what == "begin" and place in arguments]
+        sums = [sum(seconds.get(word, 5.0) for word in one.split() if word.startswith(place)) for one in given]
+        assert len(sums) == 8
+        assert max(sums) < min(sums) + 6.0 or max(sums) < max(seconds.values()) + 1.0
+
+
+def test_of_each_kind_that_has_further_cases_some_stay(project_root: Path) -> None:
+    """`further` is a mark of single cases of a parametrisation, at most as many as stay; never of a test or a file."""
+    marked = 0
+    for path in sorted((project_root / "tests").rglob("test_*.py")):
+        text = path.read_text()
+        if "mark.further" not in text or path == Path(__file__):
+            continue
+        tree = ast.parse(text)
+        allowed = {"FURTHER = pytest.mark.further"}
+        assert [line for line in text.splitlines() if "mark.further" in line] == list(allowed), path
+        used = sum(isinstance(node, ast.Name) and node.id == "FURTHER" for node in ast.walk(tree)) - 1
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Call) and ast.unparse(node.func) == "pytest.mark.parametrize":
+                cases = node.args[1].elts if isinstance(node.args[1], ast.List) else []
+                away = [case for case in cases if isinstance(case, ast.Call) and "FURTHER" in ast.unparse(case)]
+                assert len(away) <= len(cases) - len(away), (path, node.lineno)
+                used -= len(away)
+                marked += len(away)
+        assert used == 0, path
+    assert marked > 0
+    assert "-m further tests/unit tests/integration" in (project_root / "Makefile").read_text()
 
 
 def test_interrupted_it_ends_what_runs_and_shows_its_last_lines(tmp_path: Path, project_root: Path) -> None:
@@ -169,7 +224,7 @@ def test_few_tests_of_live_parts_that_failed_get_a_second_try(
     for folder, files in {
         "guest": 1,
         "integration": 8,
-        "unit": 4,
+        "unit": 8,
         "faults": 1,
         "session": 1,
         "bench": 1,
@@ -182,8 +237,10 @@ def test_few_tests_of_live_parts_that_failed_get_a_second_try(
     (tmp_path / "tests/integration/test_pace_there.py").write_text(HOLDS)
     for number, content in enumerate(contents):
         (tmp_path / "tests" / place / f"test_{place}_{number}.py").write_text(content)
+    # what the tests in there do needs no plugin, and each of some twenty pieces would import all that are installed
+    bare = os.environ | {"PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}
     done = subprocess.run(
-        [script, sys.executable, tmp_path / "logs"], capture_output=True, text=True, check=False, timeout=200
+        [script, sys.executable, tmp_path / "logs"], capture_output=True, text=True, check=False, timeout=200, env=bare
     )
     assert done.returncode == (0 if passes else 1), done.stdout + done.stderr
     told = [line for line in done.stdout.splitlines() if line.startswith("== passed only when run a second time: ")]
