@@ -1,11 +1,17 @@
-"""Sessions of the open world in which a name, or "nothing", stood for a law: each leaves something, and says so now."""
+"""Sessions in which a name, or "nothing", stood for a law, for noise, or for a step that belongs to one recording."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from highside.api.diagnosis import diagnose
+from highside.api.simulation import predict
+from highside.config.model import Model
+from highside.physics.forward import ForwardModel
+from highside.physics.state import ChainState
 from studies.open_world import judging
 from studies.open_world.score import every_case, run_case
 
@@ -39,6 +45,13 @@ def test_a_name_far_behind_a_law_does_not_stay_because_the_law_is_worth_no_claim
     assert "cross_product" in row["answer"]["resembles"]
 
 
+def test_a_name_that_gains_nothing_beside_the_noise_of_the_bench_is_none(tmp_path: Path) -> None:
+    # a bench that shakes to all sides alike; `wobble` gained 0.4 nats
+    cases = every_case("6e7a83282220bb7c572626125f35237d45e292c7", ("null",))
+    row = run_case(cases["null/174"](), tmp_path)
+    assert (row["answer"]["verdict"], row["answer"]["claims"]) == ("nothing_left_out", [])
+
+
 @pytest.mark.parametrize(
     ("name", "verdict", "words"),
     [
@@ -53,3 +66,33 @@ def test_what_is_far_above_the_floor_is_not_nothing(name: str, verdict: str, wor
     assert row["truth"]["strength"] > 1e5
     assert row["answer"]["verdict"] == verdict
     assert words in (tmp_path / "diagnosis.json").read_text()
+
+
+def test_a_step_that_was_found_has_stayed_in_the_next_recording() -> None:
+    """A model that let it step again there, at the same time of the recording, would predict what cannot be."""
+    rng = np.random.default_rng(5)
+    n = 60
+    t = 60.0 * np.arange(n)
+    inc, tf = rng.uniform(20, 140, n), rng.uniform(0, 360, n)
+    load = ForwardModel.of({}).predict(ChainState.build(np.radians(inc), np.radians(tf), t_s=t))
+    read = load + np.array([[0.0], [2e-3], [0.0]]) * (t > 1700)
+    every = np.repeat(np.arange(n), 4)
+    columns = {
+        "t_s": t[every] + np.tile(np.arange(4), n),
+        **dict(zip(("ax_g", "ay_g", "az_g"), read[:, every] + 4e-5 * rng.normal(size=(3, 4 * n)), strict=True)),
+        "inc_ref_deg": inc[every],
+        "tf_ref_deg": tf[every],
+        "temp_c": np.full(4 * n, 25.0),
+        "pose": every.astype(float),
+    }
+    found = diagnose(columns, Model())
+    (claim,) = found.claims
+    assert claim.effect == "bias_step"
+    # when it stepped is told
+    assert claim.parameters["t0"].value == pytest.approx(1710, abs=60)
+    model = found.model()
+    assert model is not None
+    assert model.effects.values()["bias_step"]["t0"] == 0.0
+    added = predict(model, columns)["ay_g"] - predict(Model(), columns)["ay_g"]
+    assert np.ptp(added) < 1e-5
+    assert np.mean(added) == pytest.approx(2e-3, rel=0.05)

@@ -21,6 +21,7 @@ from highside.diagnosis.core.problem import ReportData
 from highside.diagnosis.core.result import Claim, DiagnosisResult, Finding, Fit, Location, Remainder, Verdict
 from highside.diagnosis.recording import ACCELEROMETERS, GYROS, Request, diagnose_columns, rotates
 from highside.errors import InputError
+from highside.physics.effects import all_effects
 from highside.physics.noise import std_of_average
 from highside.physics.plan import Site
 from highside.recording.files import write_folder
@@ -110,13 +111,16 @@ class Diagnosis:
 
         Parameters of an effect that a claim says nothing of stay as the model has them. A value that is beyond its
         plausible range by less than its error is kept, with `implausible = true`. It is a model of the next recording:
-        a law of something that set in during this one acts from the start (`claims` say since when it acted here).
+        what set in during this one and stays (a law, a step of the zero offset) acts from the start; `claims` say since
+        when it acted here.
         """
         if self.verdict not in CONCLUSIVE:
             return None
         known = self.before.forward().parameters()
         claimed = {
-            claim.effect: known.get(claim.effect, {}) | {name: p.value for name, p in claim.parameters.items()}
+            claim.effect: known.get(claim.effect, {})
+            | {name: p.value for name, p in claim.parameters.items()}
+            | all_effects()[claim.effect].lasting
             for claim in self.claims
             if claim.law is None
         }

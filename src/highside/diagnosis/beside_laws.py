@@ -22,9 +22,17 @@ from highside.diagnosis.law_answers import beside_laws, location_of, told_implau
 from highside.diagnosis.law_sessions import LawSession, linear
 from highside.diagnosis.laws.claims import ReportedLaw, cases_of_laws, heldout_of, proved, reported_laws
 from highside.diagnosis.laws.effects import EffectGroup
-from highside.diagnosis.laws.free_rivals import as_rivals, doubted_of, is_clear, leaves_most, with_free_rivals
-from highside.diagnosis.laws.groups import groups_of
+from highside.diagnosis.laws.free_rivals import (
+    as_rivals,
+    doubted_of,
+    is_clear,
+    leaves_most,
+    with_free_rivals,
+    worth_of,
+)
+from highside.diagnosis.laws.groups import LawGroup, groups_of
 from highside.diagnosis.laws.policy import LAW_SEARCH, LAW_VERDICT
+from highside.diagnosis.laws.problem import LawProblem
 from highside.diagnosis.laws.search import Found, Search
 from highside.diagnosis.name_groups import name_groups, resembled
 from highside.diagnosis.names_instead import alike_of, implausible, names_of, with_names_instead
@@ -53,6 +61,8 @@ class _Outcome:
     """a name stands where a law was found"""
     doubted: frozenset[str] = frozenset()
     """names that are to give way to laws, or have"""
+    is_noise: bool = False
+    """the name is worth nothing beside the noise that was learned here"""
     behind: float = 0.0
     """nats by which the worst of these is behind a law in its place"""
     implausible: bool = False
@@ -82,9 +92,8 @@ def with_laws(
         outcome = replace(outcome, laws=large)
     if outcome.implausible and outcome.names:
         return told_implausible(diagnosis, outcome.names), report
-    worthless = outcome.doubted or (frozenset(known) if leaves_most(outcome.found) else frozenset())
-    if worthless and not (outcome.laws or outcome.names):
-        return told_unnamed(diagnosis, report, worthless, left=not outcome.doubted)
+    if (unnamed := _unnamed(diagnosis, report, outcome, frozenset(known))) is not None:
+        return unnamed
     changed = outcome.laws or outcome.renamed or outcome.doubted
     if not changed and all(c.effect in known for c in outcome.names):
         told = {c.effect: c for c in outcome.names}
@@ -119,6 +128,19 @@ def with_laws(
     for part in [*(c.effect for c in outcome.names if c.effect not in known), *(one.law.id for one in outcome.laws)]:
         parts[part] = np.asarray(session.observed.residual(final.without(part)) - after)
     return made, replace(report, after=after, parts=parts)
+
+
+def _unnamed(
+    diagnosis: DiagnosisResult, report: ReportData, outcome: _Outcome, known: frozenset[str]
+) -> tuple[DiagnosisResult, ReportData] | None:
+    """The answer where none of the `known` names stays and no law stands in their place; else None."""
+    if outcome.laws or outcome.names:
+        return None
+    if outcome.is_noise:
+        unnamed, report = told_unnamed(diagnosis, report, known, left=True)
+        return with_identified_noise(replace(unnamed, location=()), outcome.found), report
+    worthless = outcome.doubted or (known if leaves_most(outcome.found) else frozenset())
+    return told_unnamed(diagnosis, report, worthless, left=not outcome.doubted) if worthless else None
 
 
 def _resembling(session: LawSession, model: ForwardModel, outcome: _Outcome, law: ReportedLaw) -> Claim:
@@ -219,13 +241,9 @@ def _chosen(
         moved += np.tensordot(sizes - _sizes_in(session, model, effect), table, 1)
     problem = session.problem(model, session.residual(named) + moved)
     own = [EffectGroup.of(name, table, session.floor) for name, (table, _) in columns.items()]
-    single: _Outcome | None = None
-    if not beside.terms and len(claims) == 1 and beside.next_gain < LAW_VERDICT.beside:
-        simple = as_rivals(problem, beside, [*first.groups, *own], own)
-        told, ahead = with_free_rivals(claims, simple)
-        if is_clear(simple, ahead):
-            return _Outcome(told, (), beside)
-        single = _Outcome(told, (), beside, doubted=doubted_of(simple, ahead), behind=-min(ahead.values()))
+    single, is_clear_of_laws = _single(problem, claims, beside, [*first.groups, *own], own)
+    if single is not None and is_clear_of_laws:
+        return single
     search = Search(problem, [*groups_of(problem), *own])
     kept = search.beside(own, beside.terms)
     # a search that begins with a name may not find its way to the one law that stands for it and the rest
@@ -237,7 +255,10 @@ def _chosen(
     quietest = min(float(found.noise.factor.max()) for found in tried)
     chosen = max(tried, key=lambda found: _worth(found, every, quietest))
     if single is not None and not chosen.terms:
-        # what its test finds is worth too little here for any claim: the name stays, unless a law would do better
+        # what its test finds is worth too little here for any claim: the name stays, unless it is worth nothing beside
+        # this noise, or a law would do better
+        if single.is_noise:
+            return replace(single, names=(), found=chosen)
         return _given_way(session, bare, claims, refused, single)
     cases = cases_of_laws(chosen)
     if cases:
@@ -253,8 +274,24 @@ def _chosen(
     told, ahead = with_free_rivals(names, left)
     laws, renamed = tuple(reported_laws(left, model.ids)), found is not chosen
     behind = -min(ahead.values(), default=np.inf)
-    outcome = _Outcome(told, laws, left, renamed, doubted_of(left, ahead), behind)
+    outcome = _Outcome(told, laws, left, renamed, doubted_of(left, ahead), behind=behind)
     return _given_way(session, bare, claims, refused, outcome)
+
+
+def _single(
+    problem: LawProblem, claims: Sequence[Claim], beside: Found, groups: list[LawGroup], own: Sequence[EffectGroup]
+) -> tuple[_Outcome | None, bool]:
+    """One name, `beside` which no law gains, with its class; and whether it is clear of every law in its place."""
+    if beside.terms or len(claims) != 1 or beside.next_gain >= LAW_VERDICT.beside:
+        return None, False
+    found = as_rivals(problem, beside, groups, own)
+    told, ahead = with_free_rivals(claims, found)
+    is_noise = problem.every_pair and worth_of(found) < LAW_VERDICT.worth
+    behind = -min(ahead.values())
+    single = _Outcome(told, (), beside, doubted=doubted_of(found, ahead), is_noise=is_noise, behind=behind)
+    if not is_clear(found, ahead) or is_noise:
+        return single, False
+    return replace(single, doubted=frozenset()), True
 
 
 def _worth(found: Found, names: set[str], quietest: float) -> float:

@@ -180,6 +180,11 @@ class Effect(ABC):
         """Factor and increment (K,) of each parameter p (K,) if its time is counted from so much earlier."""
         return np.ones(len(p)), np.array([earlier_s if parameter.epoch else 0.0 for parameter in self.parameters])
 
+    @property
+    def lasting(self) -> dict[str, float]:
+        """Values in a later recording of what sets in at a time and then stays: it is there from the start."""
+        return {one.name: 0.0 for one in self.shapes if one.epoch} if len(self.shapes) == 1 else {}
+
     def on_channels(self, data: Channels) -> Sequence[ChannelTerm]:
         """What it may do to the channels that another program predicts; nothing unless an effect says so."""
         return ()

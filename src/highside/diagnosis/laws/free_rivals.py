@@ -39,6 +39,12 @@ def as_rivals(problem: LawProblem, beside: Found, groups: list[LawGroup], own: S
     return Found(problem, terms, beside.noise, 0.0, (), (), problem.residual, families)
 
 
+def worth_of(found: Found) -> float:
+    """Nats that the terms of a search gain together, the noise kept."""
+    white = found.whitened()
+    return white.total(list(found.terms)) - white.total([])
+
+
 def with_free_rivals(claims: Sequence[Claim], found: Found) -> tuple[tuple[Claim, ...], dict[str, float]]:
     """The claims of names, their classes with the laws that this session cannot tell from them, one by one and all
     together; and by how many nats each is ahead of the best law in its place, the noise kept."""

@@ -381,6 +381,10 @@ class LawVerdictPolicy:
     """Nats by which one law in the place of a name must be ahead of it, the noise kept, to be told instead. Source: of
     26 sessions with effects of the library the nearest was 2.7 ahead, of eight outsiders that had a name four were 3.3
     to 16 (studies.open_world, a deck of seed 06d8469e11e0 and the sealed one of 06d8469)."""
+    worth: float = 3.0
+    """Nats that a name by itself must gain beside the noise that is learned with it. Source: strong evidence (Kass and
+    Raftery 1995); `wobble` in two sessions whose bench shook to all sides alike, and without any effect, gained 0.4
+    (null/046 and null/174 of 6e7a832)."""
     shrunk: float = 0.01
     """Share of what a name explains by which its prior may cost it. Source: chosen; it cost a tilt of 1.3 deg 0.0004 of
     14 million nats, and outsiders were ahead by 0.1 and more."""
