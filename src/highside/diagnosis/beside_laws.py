@@ -13,13 +13,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from highside.arrays import Array
+from highside.diagnosis.claimed_values import around_onsets, beyond_first_order, sizes_in, values_of_claim
 from highside.diagnosis.core.finding_policy import FLOOR
 from highside.diagnosis.core.fit import base_fit
 from highside.diagnosis.core.problem import ReportData
 from highside.diagnosis.core.result import Claim, DiagnosisResult, Fit, Verdict
 from highside.diagnosis.identified_noise import with_identified_noise
 from highside.diagnosis.law_answers import beside_laws, location_of, told_implausible, told_unnamed
-from highside.diagnosis.law_sessions import LawSession, linear
+from highside.diagnosis.law_sessions import LawSession
 from highside.diagnosis.laws.claims import ReportedLaw, cases_of_laws, heldout_of, proved, reported_laws
 from highside.diagnosis.laws.effects import EffectGroup
 from highside.diagnosis.laws.free_rivals import (
@@ -230,7 +231,7 @@ def _chosen(
     # a name has a right to all that a fit may move of it, its time constants too
     fitted = [f"{c.effect}.{p.name}" for c in claims for p in named.effect(c.effect).parameters if p.fitted]
     alone = session.problem(named, session.residual(named), fitted)
-    around = [_around(session, named, c.effect, values[c.effect]) for c in claims]
+    around = [around_onsets(session, named, c.effect, values[c.effect]) for c in claims]
     first = Search(replace(alone, free=np.concatenate([alone.free, *around])))
     beside = first.run()
     # against the names: their own columns among the groups, all to first order about the base
@@ -238,7 +239,7 @@ def _chosen(
     moved = np.zeros_like(session.floor)
     for effect, (table, sizes) in columns.items():
         # what the model has of an effect stays in it: the name stands for the rest
-        moved += np.tensordot(sizes - _sizes_in(session, model, effect), table, 1)
+        moved += np.tensordot(sizes - sizes_in(session, model, effect), table, 1)
     problem = session.problem(model, session.residual(named) + moved)
     own = [EffectGroup.of(name, table, session.floor) for name, (table, _) in columns.items()]
     single, is_clear_of_laws = _single(problem, claims, beside, [*first.groups, *own], own)
@@ -313,9 +314,23 @@ def _given_way(
         return outcome
     staying = [c.effect for c in claims if c.effect not in doubted]
     found = _alone(session, model, staying, refused | doubted)
+    if found.laws and not found.names and _explains_less(found.found, outcome.found) and -outcome.behind > 0.0:
+        # the names are ahead of every law in their place, and of all laws together
+        return replace(outcome, doubted=frozenset())
+    if found.names and not found.laws:
+        # names explain it all, and those that were doubted beside laws may be among them
+        again = _alone(session, model, [c.effect for c in claims], refused)
+        if again.names and not again.laws and not _explains_less(again.found, found.found):
+            return again
     if found.names or found.laws or leaves_most(outcome.found) or outcome.behind >= LAW_VERDICT.beside:
         return replace(found, doubted=doubted)
     return replace(outcome, doubted=frozenset())
+
+
+def _explains_less(found: Found, than: Found) -> bool:
+    """Whether terms and the noise beside them explain less than others do, less what each term must be worth."""
+    cost = LAW_VERDICT.each * (len(found.terms) - len(than.terms))
+    return found.evidence - cost < than.evidence
 
 
 def _alone(
@@ -339,7 +354,7 @@ def _alone(
             offered += alike
             search = search.beside_names([g for name in alike for g in name_groups(session, model, name)])
             found = search.run()
-        beyond = _beyond(session, model, found, residual)
+        beyond = beyond_first_order(session, model, found, residual)
         if float(np.sum((beyond / session.floor / found.noise.factor[:, None]) ** 2)) < LAW_VERDICT.second_order:
             break
         search = search.of_residual(residual - beyond)
@@ -359,48 +374,6 @@ def _alone(
         kept = [claim.effect for claim in names if claim.effect not in unfit | outside]
         return _alone(session, model, kept, frozenset(library.all_effects()) - set(kept))
     return _Outcome(told, tuple(reported_laws(found, model.ids)), found)
-
-
-def _beyond(session: LawSession, model: ForwardModel, found: Found, residual: Array) -> Array:
-    """(C, m) what names and laws do beyond first order, at the sizes that a search gave them."""
-    laws = [one.law for one in reported_laws(found, model.ids)]
-    named = {claim.effect: values_of_claim(session, model, claim) for claim in names_of(found, model)}
-    first = linear(session, model, laws)
-    for name, values in named.items():
-        table, sizes = session.effect_columns(model, name, values)
-        first = first + np.tensordot(sizes - _sizes_in(session, model, name), table, 1)
-    changed = (model.with_effects(named) if named else model).with_laws(laws)
-    return np.asarray(residual - session.residual(changed) - first)
-
-
-def _sizes_in(session: LawSession, model: ForwardModel, effect: str) -> Array:
-    """(k,) the amplitudes of an effect in the model; zero where it lacks the effect."""
-    return session.effect_columns(model, effect, model.parameters().get(effect, {}))[1]
-
-
-def _around(session: LawSession, model: ForwardModel, effect: str, values: dict[str, float]) -> Array:
-    """(k, C, m) what an effect does more if its onset is a value earlier or later: that is searched, and not fitted."""
-    epochs = [p.name for p in model.effect(effect).parameters if p.epoch]
-    parts = [np.empty((0, *session.floor.shape))]
-    for name in epochs:
-        for step in (-session.step_s, session.step_s):
-            moved = session.effect_columns(model, effect, {**values, name: values[name] + step})[0]
-            parts.append(moved - session.effect_columns(model, effect, values)[0])
-    return np.concatenate(parts)
-
-
-def values_of_claim(session: LawSession, model: ForwardModel, claim: Claim) -> dict[str, float]:
-    """The values of a claim's parameters where time is counted from the session's first value."""
-    effect = model.effect(claim.effect)
-    known = model.parameters().get(claim.effect, {})
-    reported = np.array(
-        [
-            claim.parameters[p.name].value if p.name in claim.parameters else known.get(p.name, p.default)
-            for p in effect.parameters
-        ]
-    )
-    factors, later = effect.restarted(reported, session.delay_s)
-    return dict(zip((p.name for p in effect.parameters), ((reported - later) / factors).tolist(), strict=True))
 
 
 # --- what is reported --------------------------------------------------------------------------------------------

@@ -16,7 +16,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from highside.arrays import Array
-from highside.diagnosis.beside_laws import values_of_claim, with_laws
+from highside.diagnosis.beside_laws import with_laws
+from highside.diagnosis.claimed_values import values_of_claim
 from highside.diagnosis.core.fit import base_fit
 from highside.diagnosis.core.problem import ReportData
 from highside.diagnosis.core.regression import outside, span

@@ -1,0 +1,55 @@
+"""What claimed names do in a session: their values in its time, their sizes, what they do beyond first order."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from highside.arrays import Array
+from highside.diagnosis.core.result import Claim
+from highside.diagnosis.law_sessions import LawSession, linear
+from highside.diagnosis.laws.claims import reported_laws
+from highside.diagnosis.laws.search import Found
+from highside.diagnosis.names_instead import names_of
+from highside.physics.forward import ForwardModel
+
+
+def beyond_first_order(session: LawSession, model: ForwardModel, found: Found, residual: Array) -> Array:
+    """(C, m) what names and laws do beyond first order, at the sizes that a search gave them."""
+    laws = [one.law for one in reported_laws(found, model.ids)]
+    named = {claim.effect: values_of_claim(session, model, claim) for claim in names_of(found, model)}
+    first = linear(session, model, laws)
+    for name, values in named.items():
+        table, sizes = session.effect_columns(model, name, values)
+        first = first + np.tensordot(sizes - sizes_in(session, model, name), table, 1)
+    changed = (model.with_effects(named) if named else model).with_laws(laws)
+    return np.asarray(residual - session.residual(changed) - first)
+
+
+def sizes_in(session: LawSession, model: ForwardModel, effect: str) -> Array:
+    """(k,) the amplitudes of an effect in the model; zero where it lacks the effect."""
+    return session.effect_columns(model, effect, model.parameters().get(effect, {}))[1]
+
+
+def around_onsets(session: LawSession, model: ForwardModel, effect: str, values: dict[str, float]) -> Array:
+    """(k, C, m) what an effect does more if its onset is a value earlier or later: that is searched, and not fitted."""
+    epochs = [p.name for p in model.effect(effect).parameters if p.epoch]
+    parts = [np.empty((0, *session.floor.shape))]
+    for name in epochs:
+        for step in (-session.step_s, session.step_s):
+            moved = session.effect_columns(model, effect, {**values, name: values[name] + step})[0]
+            parts.append(moved - session.effect_columns(model, effect, values)[0])
+    return np.concatenate(parts)
+
+
+def values_of_claim(session: LawSession, model: ForwardModel, claim: Claim) -> dict[str, float]:
+    """The values of a claim's parameters where time is counted from the session's first value."""
+    effect = model.effect(claim.effect)
+    known = model.parameters().get(claim.effect, {})
+    reported = np.array(
+        [
+            claim.parameters[p.name].value if p.name in claim.parameters else known.get(p.name, p.default)
+            for p in effect.parameters
+        ]
+    )
+    factors, later = effect.restarted(reported, session.delay_s)
+    return dict(zip((p.name for p in effect.parameters), ((reported - later) / factors).tolist(), strict=True))
