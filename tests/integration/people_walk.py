@@ -110,7 +110,13 @@ class ChromiumFace:
         page.on("pageerror", lambda error: self.errors.append(str(error)))
 
     async def goto(self, address: str) -> None:
-        await self.page.goto(address)
+        try:
+            await self.page.goto(address)
+        except PlaywrightError as error:
+            # a page that was about to send its reader somewhere does so first
+            if "interrupted by another navigation" not in str(error):
+                raise
+            await self.page.goto(address)
 
     async def size(self, width: int, height: int) -> None:
         await self.page.set_viewport_size({"width": width, "height": height})

@@ -13,7 +13,7 @@ from typing import Any
 from bench_page import HIGHSIDE
 from broker import free_port
 from playwright.async_api import Page, expect
-from test_tools_page import serve
+from test_tools_page import CLICK_S, serve
 
 from highside.config.users import Role, User, changing_users
 from highside.web.signin.passwords import hashed
@@ -71,8 +71,8 @@ async def sign_in(page: Page, name: str, password: str | None = None) -> None:
 
 
 async def signed_in(page: Page, served: Served, name: str, path: str = "") -> None:
-    """Go there, sign in, be there."""
+    """Go there, sign in, be there: a password takes a part of a second of a processor to check, and waits for one."""
     await page.goto(served.address + path)
-    await expect(page.locator("h1")).to_have_text("Sign in")
+    await expect(page.locator("h1")).to_have_text("Sign in", timeout=CLICK_S)
     await sign_in(page, name)
-    await expect(page.locator(".person")).to_contain_text(name)
+    await expect(page.locator(".person")).to_contain_text(name, timeout=CLICK_S)
