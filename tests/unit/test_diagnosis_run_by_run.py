@@ -73,7 +73,8 @@ def many(monkeypatch: pytest.MonkeyPatch) -> None:
     short = replace(pilot.PILOT, many_rows=5_000, pilot_rows=3_000)
     monkeypatch.setattr(pilot, "PILOT", short)
     monkeypatch.setattr(problem, "PILOT", short)
-    monkeypatch.setattr("highside.diagnosis.engine.PILOT", short)
+    # the others read it where they need it
+    monkeypatch.setattr("highside.diagnosis.rotation.policy.PILOT", short)
 
 
 @pytest.mark.parametrize("case", list(CASES))
