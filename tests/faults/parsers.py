@@ -49,6 +49,7 @@ from highside.importing.core.wishes import Wishes
 from highside.importing.files import open_foreign
 from highside.importing.joins import Joins, carry_out
 from highside.link.replay import events
+from highside.reading.row_groups import RowGroups
 from highside.recording.calibration_store import CalibrationStore, read_record
 from highside.recording.candump import read_candump
 from highside.recording.keys import check_file, read_trusted_keys
@@ -170,6 +171,15 @@ def chained_again(journal: bytes) -> Make:
     for line in lines:
         del line["h"]
     return of_document(lines, seeds.ChainedAgain(lines))
+
+
+def damaged_parquet(data: bytes, rng: random.Random) -> bytes:
+    """Damage to the pages, or to the metadata behind them under a length that fits, in turn."""
+    if rng.random() < 0.4:
+        return damaged(data, rng)
+    length = int.from_bytes(data[-8:-4], "little")
+    metadata = damaged(data[-8 - length : -8], rng)
+    return data[: -8 - length] + metadata + len(metadata).to_bytes(4, "little") + data[-4:]
 
 
 class Bench:
@@ -326,6 +336,15 @@ class Bench:
 
     def recording(self, data: bytes) -> bool:
         read_recording(self.put(data, "recording.csv"))
+        return True
+
+    def parquet(self, data: bytes) -> bool:
+        """As a whole, and as a long one that is read row group by row group."""
+        path = self.put(data, "recording.parquet")
+        groups = RowGroups.of(path)
+        for _ in groups.batches(groups.names) if groups is not None else ():
+            pass
+        read_recording(path)
         return True
 
     def pose_table(self, data: bytes) -> bool:
@@ -516,7 +535,7 @@ def all_parsers(bench: Bench) -> Sequence[Parser]:
     entry = {"number": 1, "tool": "t1", "record": "0" * 64, "action": "activate", "at": "2026-11-22T10:00:00Z"}
     activation = json.dumps(entry | {"undoes": None}).encode()
     journal, containers = seeds.journal(), seeds.containers()
-    watched, said = seeds.watched(), seeds.watch_said()
+    watched, said, parquets = seeds.watched(), seeds.watch_said(), seeds.parquets()
     return (
         Parser("service TOML", of(*services), bench.service_toml, services, SERVICE_CONFIG),
         Parser("bench TOML", of(*bench_files), bench.bench_toml, tuple(bench_files), BENCH_CONFIG),
@@ -575,6 +594,13 @@ def all_parsers(bench: Bench) -> Sequence[Parser]:
             TABLES,
         ),
         Parser("recording CSV.gz", of(seeds.recording_plain(), damage=damaged_gzip), bench.recording, (), TABLES),
+        Parser(
+            "recording Parquet",
+            of(*parquets, damage=damaged_parquet),
+            bench.parquet,
+            parquets,
+            (*TABLES, "reading/row_groups", "reading/parquet_size", "reading/expansion"),
+        ),
         Parser("pose table", of(seeds.poses()), bench.pose_table, (seeds.poses(),), TABLES),
         Parser(
             "import CSV", of(*seeds.FOREIGN), bench.import_csv, (seeds.foreign_csv(), seeds.foreign_poses()), IMPORT

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import hashlib
+import io
 import json
 import math
 import operator
@@ -358,6 +359,28 @@ CATALOGUE = b"uri,tool,date,kind\na.csv,tool-1,2026-11-01,poses\nb.csv.gz,tool-2
 
 
 @cache
+def parquets() -> tuple[bytes, ...]:
+    """A recording as Parquet in the ways that programs write it: pages of both versions, packed and not."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    n = 300
+    columns = {"t_s": np.arange(n) * 0.01, "ax_g": np.full(n, 0.1), "ay_g": np.full(n, 0.2), "az_g": np.full(n, 0.97)}
+    table = pa.table(columns | {"pose": np.arange(n) // 30})
+    ways: tuple[dict[str, Any], ...] = (
+        {},
+        {"compression": "zstd", "data_page_version": "2.0", "row_group_size": 100},
+        {"compression": "none", "use_dictionary": False, "write_statistics": False},
+        {"compression": "gzip", "write_page_index": True},
+    )
+    made = []
+    for way in ways:
+        out = io.BytesIO()
+        pq.write_table(table, out, **way)
+        made.append(out.getvalue())
+    return tuple(made)
+
+
 def containers() -> tuple[bytes, ...]:
     """One file of each form that `highside import` reads and that is no text."""
     names = (

@@ -31,9 +31,9 @@ NAMES = (
     "drift state", "drift state, by structure", "watch state", "watch state, by structure", "toolface log",
     "surveys", "surveys, analysed", "survey depths", "watch and tool model", "watch said",
     "watch said, by structure", "starts of the service", "known time",
-    "trusted keys", "signature", "journal", "journal, chained again", "recording CSV", "recording CSV.gz", "pose table",
-    "import CSV", "import containers", "fleet catalogue", "archived message", "import profile", ".hsw", "candump",
-    "drift/command", "watch/command", "session/command",
+    "trusted keys", "signature", "journal", "journal, chained again", "recording CSV", "recording CSV.gz",
+    "recording Parquet", "pose table", "import CSV", "import containers", "fleet catalogue", "archived message",
+    "import profile", ".hsw", "candump", "drift/command", "watch/command", "session/command",
 )  # fmt: skip
 
 
