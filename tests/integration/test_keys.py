@@ -141,3 +141,6 @@ def test_what_has_no_end_and_does_not_stay_is_not_signed(folder: Path, tmp_path:
         ):
             said = highside("keys", *command, status=2).stderr
             assert said.startswith(f"highside: {place}: is a pipe, a socket or a device"), said
+    for place in (Path("/"), Path(".."), tmp_path):
+        said = highside("keys", "verify", place, "--trusted", folder / "trusted", status=2).stderr
+        assert said == f"highside: {place}: is a directory, not a file\n"

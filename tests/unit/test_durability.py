@@ -7,6 +7,8 @@ costs, but journalling file systems write some directories without being asked. 
 from __future__ import annotations
 
 import os
+import sys
+import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -182,3 +184,30 @@ def test_a_store_is_known_to_its_directory(tmp_path: Path, calls: Calls) -> None
     store = CalibrationStore(tmp_path / "deep" / "store")
     store._make(store._records)
     assert {path for _, path, _ in calls} == {".", "deep", "deep/store"}
+
+
+@pytest.mark.timeout(60)
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no named pipes among its files")
+def test_a_named_pipe_is_written_to_where_somebody_reads_and_refused_where_nobody_does(tmp_path: Path) -> None:
+    """To open one that nobody reads waits for ever: a service whose state file is one would stand still."""
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    with pytest.raises(InputError, match="pipe: is a named pipe, not a file"):
+        write_whole(pipe, b"x")
+    reader = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
+    long = bytes(range(256)) * 4096  # more than a pipe holds: it is written as it is read
+    received = bytearray()
+
+    def read() -> None:
+        os.set_blocking(reader, True)
+        while len(received) < len(long):
+            # nothing, as long as nobody has opened the other end
+            received.extend(os.read(reader, 1 << 16) or time.sleep(0.01) or b"")
+
+    listening = threading.Thread(target=read)
+    listening.start()
+    write_whole(pipe, long)
+    listening.join(30.0)
+    os.close(reader)
+    assert bytes(received) == long
+    assert pipe.is_fifo()

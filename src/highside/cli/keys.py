@@ -138,6 +138,8 @@ def _is_record(file: Path) -> bool:
     from highside.calibration.record import SCHEMA
     from highside.reading import open_binary
 
+    if file.is_dir():
+        raise InputError("is a directory, not a file", where=str(file))
     family = SCHEMA.partition("/")[0].encode()
     if file.suffix != ".json" or not file.is_file():
         return False

@@ -24,8 +24,8 @@ def write_whole(path: Path, data: bytes) -> None:
     """Write beside, fsync, rename: the file is the old one or the new one, whatever happens.
 
     A name that ends in `.gz` is gzipped without name and time, so that equal content gives equal bytes. What is no
-    regular file (`/dev/stdout`, a pipe) is written to, never replaced; behind a symbolic link its target is. Raises
-    InputError where the place cannot be written.
+    regular file (`/dev/stdout`, a pipe that somebody reads) is written to, never replaced; behind a symbolic link its
+    target is. Raises InputError where the place cannot be written.
     """
     if path.suffix == ".gz":
         packed = io.BytesIO()
@@ -36,7 +36,7 @@ def write_whole(path: Path, data: bytes) -> None:
         if path.is_dir():
             raise InputError("is a directory, not a file", where=str(path))
         if path.exists() and not path.is_file():
-            path.write_bytes(data)
+            _written_to(path, data)
             return
         target = Path(os.path.realpath(path))  # `Path.resolve` makes links in a circle an error of another kind
         with _written_beside(target, data) as beside:
@@ -44,6 +44,20 @@ def write_whole(path: Path, data: bytes) -> None:
         flush_directory(target.parent)
     except OSError as error:
         raise _not_written(path, error) from None
+
+
+def _written_to(path: Path, data: bytes) -> None:
+    """Raises OSError, InputError. A named pipe that nobody reads is refused: to open it would wait for ever."""
+    try:
+        descriptor = os.open(path, os.O_WRONLY | OPEN_FLAGS | getattr(os, "O_NONBLOCK", 0))
+    except OSError as error:
+        if error.errno == errno.ENXIO and path.is_fifo():
+            raise InputError("is a named pipe, not a file", where=str(path), remedy="give a file") from None
+        raise
+    with os.fdopen(descriptor, "wb") as place:
+        if hasattr(os, "O_NONBLOCK"):
+            os.set_blocking(descriptor, True)
+        place.write(data)
 
 
 def write_together(folder: Path, contents: Mapping[str, bytes]) -> None:
