@@ -150,6 +150,19 @@ def test_errors_that_any_bench_makes_are_nothing_in_few_poses_too() -> None:
         assert made.verdict == "nothing_left_out"
 
 
+def test_errors_of_set_angles_that_take_little_are_nothing_and_no_scatter_above_the_floor() -> None:
+    """They were told as readings that scatter 1.0 times more than they repeat, and were not testable."""
+    state = session(15, 24)
+    found = Search(problem_of(state, np.zeros((3, 24)), 16)).run()
+    large = replace(found.noise, jitter=np.array([4e-4, *np.zeros(len(found.noise.jitter) - 1)]))
+    made = with_identified_noise(DiagnosisResult("nothing_left_out"), replace(found, noise=large))
+    assert (made.verdict, made.remainder.hints) == ("nothing_left_out", ())
+    far = replace(large, factor=np.array([1.0, 12.0, 1.0]))
+    made = with_identified_noise(DiagnosisResult("nothing_left_out"), replace(found, noise=far))
+    assert made.verdict == "not_testable"
+    assert made.remainder.hints[0].startswith("ay scatters 12.0 times more than it repeats")
+
+
 def test_small_errors_or_many_poses_are_nothing() -> None:
     assert told(24, "nothing_left_out", lambda rng: np.zeros(24)).verdict == "nothing_left_out"
     assert told(80, "nothing_left_out", lambda rng: rng.normal(0, 4e-4, 80)).verdict == "nothing_left_out"

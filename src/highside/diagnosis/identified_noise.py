@@ -109,7 +109,8 @@ def _undecided_angles(diagnosis: DiagnosisResult, found: Found) -> DiagnosisResu
 def _far_above_floor(diagnosis: DiagnosisResult, found: Found) -> DiagnosisResult:
     """Means that scatter far more than their rows allow are no "nothing", whatever that scatter is taken for."""
     problem, factor = found.problem, found.noise.factor
-    if not leaves_most(found) or diagnosis.verdict != "nothing_left_out":
+    far = leaves_most(found) and float(factor.max()) > LAW_VERDICT.most_left  # not for the errors of the angles alone
+    if not far or diagnosis.verdict != "nothing_left_out":
         return diagnosis
     worst, enough = int(np.argmax(factor)), enough_poses()
     channel, above = problem.channels[worst], factor[worst]
