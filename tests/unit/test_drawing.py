@@ -8,6 +8,7 @@ import re
 import subprocess
 import sys
 import xml.etree.ElementTree as ET
+from collections.abc import Iterator
 
 import matplotlib.image
 import numpy as np
@@ -84,6 +85,30 @@ def test_a_line_has_a_gap_where_a_value_is_no_number_and_none_is_written() -> No
     (path,) = [p.get("d") for p in svg.iter(f"{SVG}path") if p.get("stroke") == "#ff0000"]
     assert path is not None and path.count("M") == 3 and path.count("L") == 1
     assert not re.search("nan|inf", ET.tostring(svg, encoding="unicode"))
+
+
+def test_a_deviation_is_drawn_where_it_is_known() -> None:
+    x, std = np.arange(4.0), np.array([1.0, np.nan, np.inf, 0.5])
+    svg = drawn(Points(x, x, "#ff0000", std=std))
+    dots, bars = [p.get("d") or "" for p in svg.iter(f"{SVG}path") if p.get("stroke") == "#ff0000"]
+    assert dots.count("M") == 4 and bars.count("V") == 2
+    assert not re.search("nan|inf", ET.tostring(svg, encoding="unicode"))
+
+
+def test_what_cannot_be_drawn_says_why() -> None:
+    with pytest.raises(ZeroDivisionError, match="own words"):
+        drawn(Unable())
+
+
+class Unable(Line):
+    """A mark that fails."""
+
+    def __init__(self) -> None:
+        super().__init__(np.arange(2.0), np.arange(2.0))
+
+    def svg(self, x: Scale, y: Scale) -> Iterator[ET.Element]:
+        raise ZeroDivisionError("own words")
+        yield
 
 
 def test_of_a_scale_of_powers_what_is_not_positive_is_left_out() -> None:

@@ -82,8 +82,10 @@ class Points:
         known = np.isfinite(at) & np.isfinite(up)
         yield _dots(at[known], up[known], self.colour, self.size, self.alpha)
         if self.std is not None:
-            low, high = y(self.y - self.std)[known], y(self.y + self.std)[known]
-            bars = "".join(f"M{a:.1f},{b:.1f}V{c:.1f}" for a, b, c in zip(at[known], low, high, strict=True))
+            low, high = y(self.y - self.std), y(self.y + self.std)
+            known &= np.isfinite(low) & np.isfinite(high)
+            ends = zip(at[known], low[known], high[known], strict=True)
+            bars = "".join(f"M{a:.1f},{b:.1f}V{c:.1f}" for a, b, c in ends)
             yield stroked(bars, self.colour, 1.2)
 
 

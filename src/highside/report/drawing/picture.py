@@ -45,11 +45,12 @@ class Picture:
         column = (wide - 2 * EDGE - sum(lefts) - sum(rights)) / self.columns
         size = {"width": f"{wide:g}pt", "height": f"{tall:g}pt", "viewBox": f"0 0 {wide:g} {tall:g}"}
         drawn = Element("svg", {"xmlns": "http://www.w3.org/2000/svg", **size, "fill": "currentColor"})
-        drawn.extend(legend(self.legend, wide / 2, EDGE + LEGEND) if self.legend else ())
+        drawn.extend([*legend(self.legend, wide / 2, EDGE + LEGEND)] if self.legend else ())
         for i, line in enumerate(self.panels):
             top = above + i * row + max(room.top for room in rooms[i])
             foot = above + (i + 1) * row - max(room.foot for room in rooms[i])
             for k, panel in enumerate(line):
                 left = EDGE + sum(lefts[: k + 1]) + sum(rights[:k]) + k * column
-                drawn.extend(panel.svg(left, top, left + column, foot, lefts[k]))
+                # as a list: `extend` says of a generator that fails only that it is no sequence
+                drawn.extend([*panel.svg(left, top, left + column, foot, lefts[k])])
         return tostring(drawn, encoding="unicode")
