@@ -51,6 +51,9 @@ def test_a_name_that_gains_nothing_beside_the_noise_of_the_bench_is_none(tmp_pat
     cases = every_case("6e7a83282220bb7c572626125f35237d45e292c7", ("null",))
     row = run_case(cases["null/174"](), tmp_path)
     assert (row["answer"]["verdict"], row["answer"]["claims"]) == ("nothing_left_out", [])
+    # with "it resembles Spindle wobble, but most of it is left" it said that something is left, and that nothing is
+    assert row["answer"]["resembles"] == []
+    assert "most of it is left" not in (tmp_path / "diagnosis.json").read_text()
 
 
 @pytest.mark.parametrize(

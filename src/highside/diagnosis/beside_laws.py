@@ -139,9 +139,16 @@ def _unnamed(
         return None
     if outcome.is_noise:
         unnamed, report = told_unnamed(diagnosis, report, known, left=True)
-        return with_identified_noise(replace(unnamed, location=()), outcome.found), report
+        made = with_identified_noise(replace(unnamed, location=()), outcome.found)
+        if made.verdict in ("nothing_left_out", "wander"):
+            # all of it is noise: nothing is left that would resemble a name
+            hints = tuple(one for one in made.remainder.hints if one != unnamed.remainder.hints[0])
+            remainder = replace(made.remainder, hints=hints, resembles=diagnosis.remainder.resembles)
+            made = replace(made, remainder=remainder)
+        return made, report
     worthless = outcome.doubted or (known if leaves_most(outcome.found) else frozenset())
-    return told_unnamed(diagnosis, report, worthless, left=not outcome.doubted) if worthless else None
+    left = not outcome.doubted or outcome.behind <= 0.0
+    return told_unnamed(diagnosis, report, worthless, left=left) if worthless else None
 
 
 def _resembling(session: LawSession, model: ForwardModel, outcome: _Outcome, law: ReportedLaw) -> Claim:
@@ -323,7 +330,7 @@ def _given_way(
         if again.names and not again.laws and not _explains_less(again.found, found.found):
             return again
     if found.names or found.laws or leaves_most(outcome.found) or outcome.behind >= LAW_VERDICT.beside:
-        return replace(found, doubted=doubted)
+        return replace(found, doubted=doubted, behind=outcome.behind)
     return replace(outcome, doubted=frozenset())
 
 
