@@ -27,6 +27,18 @@ def test_they_are_the_functions_of_the_package(first: str, package: str) -> None
     assert ended_well(f"{first}\nfrom highside import special\n" + SAME.format(package=package))
 
 
+def test_the_package_is_whole_where_it_is_imported_after_them() -> None:
+    """Its errors are switched in a module that was there before it: `seterr` and `errstate` failed."""
+    assert ended_well(
+        "import sys\nfrom highside import special\nassert 'scipy.special' not in sys.modules\n"
+        "import scipy.special as package\n"
+        "before = {name for name in sys.modules if name.startswith('scipy.special._')}\n"
+        "assert [name for name in before if not hasattr(package, name.rpartition('.')[2])] == []\n"
+        "try:\n    with package.errstate(all='raise'):\n        package.gamma(-1.0)\n"
+        "except package.SpecialFunctionError:\n    sys.exit(0)\nsys.exit(1)"
+    )
+
+
 def test_the_package_itself_is_not_imported() -> None:
     assert ended_well(
         "import sys; import highside.special; assert not {'scipy.special', 'unittest'} & set(sys.modules)"
