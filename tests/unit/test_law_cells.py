@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 
 from highside.diagnosis.law_sessions import ChainSession, cells_of, linear
 from highside.diagnosis.rows.session import RotationSession
+from highside.physics.effects import get
 from highside.physics.forward import ForwardModel
 from highside.physics.law import Axis, Function, Law
 from highside.physics.memory import low_pass
@@ -51,3 +54,24 @@ def test_a_temperature_that_lags_begins_at_the_first_row_in_cells_too() -> None:
     law = Law("lagging", "scale", ("y",), (axis,), ((1e-3,),))
     does = session.residual(model) - session.residual(model.with_laws([law]))
     assert np.corrcoef(linear(session, model, [law])[1], does[1])[0, 1] > 0.999
+
+
+def test_what_many_effects_do_is_kept_of_the_rows_that_stand_for_cells_alone() -> None:
+    """At all rows of an hour the effects that a law may resemble took a gigabyte."""
+    n = 20000
+    t = np.arange(n) * 0.02
+    state = ChainState.build(
+        np.full(n, 1.0), 0.2 * t, t_s=t, temp_c=26.0 + t / 100, rotor_rate_radps=np.full(n, 0.2), row_seconds=0.02
+    )
+    readings = 1e-4 * np.random.default_rng(2).standard_normal((3, n))
+    session = ChainSession.of_rotation(RotationSession(readings, state, np.zeros(n, dtype=bool)), (), readings)
+    assert session.cells is not None and session.cells.middle.size < n / 10
+    model, step = ForwardModel.of({}), get("bias_step")
+    wanted = [(step, np.asarray(step.vector({"t0": at}), dtype=float)) for at in np.linspace(10.0, 390.0, 60)]
+    tracemalloc.start()
+    made = session.derivatives(model, wanted)
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert np.array_equal(made[7], model.derivatives(state, wanted[7:8])[0][..., session.cells.middle])
+    # four parameters, three channels, eight bytes: 115 MB at all rows
+    assert most < 0.5 * len(wanted) * 4 * 3 * 8 * n

@@ -185,7 +185,7 @@ class ChainSession:
         if self.cells is None:
             return model.derivatives(self.state, wanted, gyros=gyros)
         # what remembers does so from the first row on
-        return [one[..., self.cells.middle] for one in model.derivatives(self.state, wanted, gyros=gyros)]
+        return model.derivatives(self.state, wanted, gyros=gyros, rows=self.cells.middle)
 
     def effect_columns(self, model: ForwardModel, effect: str, values: dict[str, float]) -> tuple[Array, Array]:
         """(k, C, m) what one unit of each amplitude of an effect does, and the amplitudes' values (k,)."""

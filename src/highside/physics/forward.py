@@ -17,6 +17,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from highside.arrays import AnyArray
 from highside.errors import InputError
@@ -28,8 +29,7 @@ from highside.physics.state import ChainState
 
 Draws = Mapping[Stage, AnyArray]
 """realised random increments by the stage they disturb"""
-
-
+Rows = NDArray[np.intp] | None
 STEP_S = 1e-4
 """Half-width of the differences that give how fast the bench's own error of angle changes."""
 
@@ -302,12 +302,12 @@ class ForwardModel:
         return np.stack([by_effect[e][self._index(e, p)] for e, p in names]) if names else np.empty((0, 3, state.n))
 
     def derivatives(
-        self, state: ChainState, wanted: Sequence[tuple[Effect, AnyArray]], *, gyros: bool = False
+        self, state: ChainState, wanted: Sequence[tuple[Effect, AnyArray]], *, gyros: bool = False, rows: Rows = None
     ) -> list[AnyArray]:
         """d(report)/d(parameters) of each (effect, vector) beside this model, from one evaluation of the chain.
 
         Each (K, 3, N); with `gyros` (K, 6, N), the rates in rad/s below the readings in g. The vectors say where the
-        derivative is taken; the chain itself is that of the model as it is.
+        derivative is taken; the chain itself is that of the model as it is. `rows`: those that are kept.
         """
         chain = self.chain(state)
         sensitivity = self.sensitivity(state, chain)
@@ -319,7 +319,7 @@ class ForwardModel:
             if gyros:
                 of_gyros = self._gyro_columns(state, sampled, rates, effect, p)
                 columns = np.concatenate([np.broadcast_to(columns, of_gyros.shape), of_gyros], axis=1)
-            result.append(columns)
+            result.append(columns if rows is None else columns[..., rows])
         return result
 
     def linearise(self, state: ChainState) -> Linearisation:
