@@ -12,9 +12,13 @@ from babel.messages.pofile import read_po
 from highside.words import LANGUAGES
 from highside.words.catalogue import LOCALE
 
+VALUE = re.compile(r"%\(\w+\)s")
+BESIDE = r"⟧\g<0>⟦"
 
-def put_in_brackets(folder: Path) -> None:
-    """Catalogues in which each message stands in brackets, in place of those of all languages."""
+
+def put_in_brackets(folder: Path, *, values: bool = True) -> None:
+    """Catalogues in which each message stands in brackets, in place of those of all languages. `values`: with what it
+    says of its values; else these stand outside, and a sentence that passed for a value is seen."""
     for language in set(LANGUAGES) - {"en"}:
         inside = Path(language) / "LC_MESSAGES"
         (folder / inside).mkdir(parents=True)
@@ -23,7 +27,7 @@ def put_in_brackets(folder: Path) -> None:
         for message in known:
             if message.id:
                 both = message.id if message.pluralizable else (message.id,)
-                marked = tuple(f"⟦{one}⟧" for one in both)
+                marked = tuple(f"⟦{one if values else VALUE.sub(BESIDE, one)}⟧" for one in both)
                 message.string = marked if message.pluralizable else marked[0]
         with (folder / inside / "highside.mo").open("wb") as file:
             write_mo(file, known)

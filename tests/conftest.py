@@ -50,12 +50,12 @@ def project_root() -> Path:
 
 
 @pytest.fixture
-def brackets(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """German is a language in which each message stands in brackets."""
+def brackets(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> Iterator[None]:
+    """German is a language in which each message stands in brackets; with the parameter False its values do not."""
     from highside.words import catalogue
     from tests.brackets import put_in_brackets
 
-    put_in_brackets(tmp_path)
+    put_in_brackets(tmp_path, values=getattr(request, "param", True))
     monkeypatch.setattr(catalogue, "LOCALE", tmp_path)
     for kept in (catalogue.catalogue, catalogue._told):
         kept.cache_clear()

@@ -30,12 +30,23 @@ def _files(path: Path) -> list[Path]:
 
 
 def _of(tree: ast.AST) -> Iterator[tuple[int, str]]:
+    named = _named(tree)
     for node in ast.walk(tree):
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in ERRORS:
             remedies = [keyword.value for keyword in node.keywords if keyword.arg == "remedy"]
             for given in (*node.args[:1], *remedies):
-                if text := _text(given):
-                    yield node.lineno, text
+                texts = named.get(given.id, []) if isinstance(given, ast.Name) else [_text(given)]
+                yield from ((node.lineno, text) for text in texts if text)
+
+
+def _named(tree: ast.AST) -> dict[str, list[str]]:
+    """Texts that a module gives names, and then raises by them."""
+    found: dict[str, list[str]] = {}
+    for node in ast.walk(tree):
+        # an empty one is filled in before it is raised
+        if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name) and ast.unparse(node.value) != "None":
+            found.setdefault(node.targets[0].id, []).append(_text(node.value))
+    return found
 
 
 def _text(node: ast.AST) -> str:

@@ -57,7 +57,7 @@ def diagnose_command(
     as_json: Json = False,
 ) -> None:
     """Diagnose every recording; each row keeps what pooling needs."""
-    with speaking(language, "settings"):
+    with speaking(language, "commands"):
         text = "" if model is None else _model_text(model)
         _run("diagnose", catalogue, out, workers, scheduler, dashboard, as_json, model=text, seed=seed)
 
@@ -74,7 +74,7 @@ def solve_command(
     as_json: Json = False,
 ) -> None:
     """Solve every pose table to a calibration record."""
-    with speaking(language, "settings"):
+    with speaking(language, "commands"):
         _run("solve", catalogue, out, workers, scheduler, dashboard, as_json, method=method)
 
 
@@ -90,7 +90,7 @@ def drift_command(
     as_json: Json = False,
 ) -> None:
     """Follow the attitude of every recording by gyros and gravity."""
-    with speaking(language, "settings"):
+    with speaking(language, "commands"):
         _run("drift", catalogue, out, workers, scheduler, dashboard, as_json, method=method)
 
 
@@ -112,10 +112,9 @@ def summary_command(
     from highside.fleet.parts import PartStore
     from highside.fleet.summary import summarise
     from highside.recording.files import write_whole
-    from highside.words import in_language
 
-    found = summarise(PartStore.existing(folder), by=by, order=order)
-    with in_language(language):
+    with speaking(language, "commands"):
+        found = summarise(PartStore.existing(folder), by=by, order=order)
         if html is not None:
             write_whole(html, page_of(found, folder.resolve().name).encode())
         if as_json:
@@ -166,14 +165,14 @@ def records_command(
     from highside.errors import InputError
     from highside.fleet.records import page_of_records, read_history, sentence_of_records, to_dict
     from highside.recording.files import write_whole
-    from highside.words import _, in_language, told
+    from highside.words import _, told
 
-    if not 0.0 < limit_deg < 90.0:
-        raise InputError(f"{limit_deg:g} is no limit", field="--limit-deg", remedy="between 0 and 90")
-    if not folder.is_dir():
-        raise InputError("is not a folder", where=str(folder), field="DIR", remedy="name the folder of a store")
-    found, omitted = read_history(folder, limit_deg)
-    with in_language(language):
+    with speaking(language, "commands"):
+        if not 0.0 < limit_deg < 90.0:
+            raise InputError(f"{limit_deg:g} is no limit", field="--limit-deg", remedy="between 0 and 90")
+        if not folder.is_dir():
+            raise InputError("is not a folder", where=str(folder), field="DIR", remedy="name the folder of a store")
+        found, omitted = read_history(folder, limit_deg)
         if html is not None:
             write_whole(html, page_of_records(found, omitted, folder.resolve().name).encode())
         if as_json:
@@ -193,7 +192,7 @@ def records_command(
                     )
                 )
         for path, why in omitted.items():
-            echo("  " + _("%(file)s is left out: %(why)s", file=path, why=told(why)), err=True)
+            echo("  " + _("%(file)s is left out: %(why)s", file=path, why=told(why, "commands")), err=True)
 
 
 def _model_text(model: Path) -> str:
@@ -311,4 +310,4 @@ def _show(finished: Finished, out: Path, as_json: bool) -> None:
         )
     )
     for one in failed:
-        echo(f"  {one.uri}: {told(one.error or '', 'diagnosis')}", err=True)
+        echo(f"  {one.uri}: {told(one.error or '', 'commands')}", err=True)

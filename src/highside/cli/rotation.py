@@ -9,13 +9,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from highside.cli.options import Language, PrintLanguage, as_options
+from highside.cli.options import Language, PrintLanguage, as_options, speaking
 from highside.cli.say import echo, echo_json
 from highside.cli.self_fit import fit_self
 from highside.cli.turntable import turntable
 
 if TYPE_CHECKING:
     from highside.api.rotation import CompensatedRecording, FitOfRotation
+    from highside.rotation import Samples
+    from highside.rotation.compare import CurveComparison
     from highside.rotation.direction import DirectionDifference
 
 app = typer.Typer(
@@ -74,20 +76,18 @@ def fit_command(
     """Fit each error of a recording against the rotor angle and write a compensation."""
     from highside.api.rotation import fit_rotation
 
-    with as_options("rate_terms"):
-        found = fit_rotation(
-            recording,
-            method=method.value,
-            rate_terms=rate_terms,
-            network_input=network_input.value,
-            seed=seed,
-            inclination_deg=inclination_deg,
-            roll_deg=roll_deg,
-            pitch_deg=pitch_deg,
-        )
-    from highside.words import in_language
-
-    with in_language(language):
+    with speaking(language, "commands"):
+        with as_options("rate_terms"):
+            found = fit_rotation(
+                recording,
+                method=method.value,
+                rate_terms=rate_terms,
+                network_input=network_input.value,
+                seed=seed,
+                inclination_deg=inclination_deg,
+                roll_deg=roll_deg,
+                pitch_deg=pitch_deg,
+            )
         _write_fit(found, output, html, method.value, as_json=as_json)
 
 
@@ -138,11 +138,10 @@ def apply(
     inc_std_deg, ... its own variance is added.
     """
     from highside.api.rotation import compensate
-    from highside.words import in_language
 
-    done = compensate(recording, compensation_file)
-    done.data.write(output)
-    with in_language(language):
+    with speaking(language, "commands"):
+        done = compensate(recording, compensation_file)
+        done.data.write(output)
         _tell_compensated(done, output, as_json=as_json)
 
 
@@ -190,43 +189,46 @@ def compare(
     """Fit all methods to the same rows: residuals, errors on whole turns not used by the fit, both relative to sine."""
     from highside.api.rotation import compare_rotation
 
-    with as_options("rate_terms"):
-        found = compare_rotation(recording, rate_terms=rate_terms, network_input=network_input.value, seed=seed)
-    result: dict[str, Any] = {}
-    for channel, (samples, comparison, difference) in found.items():
-        result[channel] = {
-            "rows": samples.n,
-            "mean_abs_before_arcmin": float(abs(samples.error).mean()),
-            "methods": {
-                method.value: {
-                    "order": score.curve.order,
-                    "mean_arcmin": score.mean,
-                    "std_arcmin": score.std,
-                    "mean_abs_arcmin": score.mean_abs,
-                    "largest_arcmin": score.largest,
-                    "held_out_rms_arcmin": None if score.curve.held_out is None else score.curve.held_out.rms,
-                    "better_than_sine": comparison.better_than_sine(method),
-                    "remarks": list(score.curve.remarks),
-                }
-                for method, score in comparison.scores.items()
-            },
-            "refused": {method.value: why for method, why in comparison.refused.items()},
-            "direction": None if difference is None else difference.to_dict(),
-        }
-    from highside.words import in_language
-
-    with in_language(language):
+    with speaking(language, "commands"):
+        with as_options("rate_terms"):
+            found = compare_rotation(recording, rate_terms=rate_terms, network_input=network_input.value, seed=seed)
         if html is not None:
             from highside.recording.files import write_whole
             from highside.report.rotation_page import compare_page
 
             compared = {channel: (samples, comparison) for channel, (samples, comparison, _) in found.items()}
             write_whole(html, compare_page(recording.name, compared).encode())
+        result = {channel: _compared(*one) for channel, one in found.items()}
         if as_json:
             echo_json(json.dumps({"recording": str(recording), "channels": result}))
             return
         for channel, one in result.items():
             _tell_compared(channel, one, found[channel][2])
+
+
+def _compared(
+    samples: Samples, comparison: CurveComparison, by_direction: DirectionDifference | None
+) -> dict[str, Any]:
+    """The methods of a channel, as `--json` prints them."""
+    return {
+        "rows": samples.n,
+        "mean_abs_before_arcmin": float(abs(samples.error).mean()),
+        "methods": {
+            method.value: {
+                "order": score.curve.order,
+                "mean_arcmin": score.mean,
+                "std_arcmin": score.std,
+                "mean_abs_arcmin": score.mean_abs,
+                "largest_arcmin": score.largest,
+                "held_out_rms_arcmin": None if score.curve.held_out is None else score.curve.held_out.rms,
+                "better_than_sine": comparison.better_than_sine(method),
+                "remarks": list(score.curve.remarks),
+            }
+            for method, score in comparison.scores.items()
+        },
+        "refused": {method.value: why for method, why in comparison.refused.items()},
+        "direction": None if by_direction is None else by_direction.to_dict(),
+    }
 
 
 def _tell_compared(channel: str, one: dict[str, Any], by_direction: DirectionDifference | None) -> None:

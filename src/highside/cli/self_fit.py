@@ -54,7 +54,7 @@ def fit_self(
     from highside.api.turntable import fit_self as fit
     from highside.recording.files import write_whole
 
-    with speaking(language, "rotation"):
+    with speaking(language, "commands"):
         with as_options("gyro_bias_dph", "gyro_misalignment_arcmin"):
             found = fit(
                 recordings,

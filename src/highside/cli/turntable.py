@@ -36,7 +36,7 @@ def turntable(
     from highside.api.turntable import fit_turntable
     from highside.recording.files import write_whole
 
-    with speaking(language, "rotation"):
+    with speaking(language, "commands"):
         found = fit_turntable(recording, largest_order=largest_order)
         made = found.compensation
         write_whole(output, made.to_json().encode())

@@ -15,6 +15,7 @@ from typing import Any
 
 from highside.words.said import Said
 from highside.words.sentences import SENTENCES
+from highside.words.sentences_of_commands import COMMANDS
 from highside.words.sentences_of_diagnosis import DIAGNOSIS
 from highside.words.sentences_of_importing import IMPORTING
 from highside.words.sentences_of_refusals import REFUSALS
@@ -95,6 +96,7 @@ def told(text: str, of: str = "") -> str:
 
 LISTS = {
     "": (),
+    "commands": (*IMPORTING, *SETTINGS, *REFUSALS, *ROTATION, *DIAGNOSIS, *COMMANDS),
     "diagnosis": DIAGNOSIS,
     "importing": IMPORTING,
     "refusals": (*IMPORTING, *SETTINGS, *REFUSALS),
