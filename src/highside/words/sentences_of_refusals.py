@@ -147,6 +147,7 @@ FILES = (
     said_later("expecting property name enclosed in double quotes"),
     said_later("expecting ',' delimiter"),
     said_later("expecting ':' delimiter"),
+    said_later("is a named pipe, not a file"),
 )
 """What a file is refused for, where it is read or imported."""
 
