@@ -76,6 +76,10 @@ COVERED = r"""(() => {
   return out;
 })()"""
 
+SIGNED_OUT = (
+    "location.pathname.endsWith('/sign-in') && document.querySelector('#name') && document.readyState === 'complete'"
+)
+
 Skeleton = list[tuple[str, str, list[float] | None]]
 
 
@@ -122,7 +126,14 @@ class ChromiumFace:
         await self.page.set_viewport_size({"width": width, "height": height})
 
     async def evaluate(self, expression: str) -> Any:
-        return await self.page.evaluate(expression)
+        try:
+            return await self.page.evaluate(expression)
+        except PlaywrightError as error:
+            # the page went on while it was asked: what comes after it answers
+            if "Execution context was destroyed" not in str(error):
+                raise
+            await self.page.wait_for_load_state()
+            return await self.page.evaluate(expression)
 
     async def until(self, expression: str, within_s: float = 60.0) -> None:
         # asked for anew: the policy of our pages lets nobody evaluate a text within them, which waiting by itself does
@@ -257,7 +268,8 @@ async def signs_in(walk: Walk, at: str, name: str) -> None:
     await walk.face.goto(f"{at}sign-in")
     if await walk.face.evaluate("!!document.querySelector('form.person button')"):
         await walk.face.click("form.person button")
-        await walk.face.until("document.querySelector('#name')")
+        # the page that is left may have a field of that name too
+        await walk.face.until(SIGNED_OUT)
         await walk.face.goto(f"{at}sign-in")
     await walk.face.click("#name")
     await walk.face.keys(name)

@@ -103,15 +103,16 @@ def test_a_step_that_was_found_has_stayed_in_the_next_recording() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "effects"),
+    ("name", "effect"),
     [
         # a bench whose set angles are off by 0.017 deg may hide a law, but here the name explains more than all laws
-        ("known/126", ["base_tilt"]),
-        # beside two laws of the temperature sag is 7 nats ahead of a law; beside the lag that they are none is left
-        pytest.param("known/022", ["sag", "thermal_lag"], marks=FURTHER),
+        ("known/126", "base_tilt"),
+        # beside two laws of the temperature it is 7 nats ahead of a law: a harmonic that holds it took its place
+        pytest.param("known/022", "sag", marks=FURTHER),
     ],
 )
-def test_a_name_that_is_ahead_of_all_laws_does_not_give_way(name: str, effects: list[str], tmp_path: Path) -> None:
+def test_a_name_that_is_ahead_of_all_laws_does_not_give_way(name: str, effect: str, tmp_path: Path) -> None:
     cases = every_case("6e7a83282220bb7c572626125f35237d45e292c7", ("known",))
     row = run_case(cases[name](), tmp_path)
-    assert [claim["effect"] for claim in row["answer"]["claims"]] == effects
+    names = [claim["effect"] for claim in row["answer"]["claims"] if not judging.is_law(claim)]
+    assert names[:1] == [effect] and set(names) <= set(row["truth"]["effects"])

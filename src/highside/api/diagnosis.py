@@ -120,7 +120,7 @@ class Diagnosis:
         claimed = {
             claim.effect: known.get(claim.effect, {})
             | {name: p.value for name, p in claim.parameters.items()}
-            | all_effects()[claim.effect].lasting
+            | dict(all_effects()[claim.effect].lasting)
             for claim in self.claims
             if claim.law is None
         }

@@ -321,14 +321,15 @@ def _given_way(
         return outcome
     staying = [c.effect for c in claims if c.effect not in doubted]
     found = _alone(session, model, staying, refused | doubted)
-    if found.laws and not found.names and _explains_less(found.found, outcome.found) and -outcome.behind > 0.0:
+    compared = bool(outcome.found.terms) and _explains_less(found.found, outcome.found)
+    if found.laws and not found.names and compared and outcome.behind < 0.0:
         # the names are ahead of every law in their place, and of all laws together
         return replace(outcome, doubted=frozenset())
     if found.names and not found.laws:
         # names explain it all, and those that were doubted beside laws may be among them
         again = _alone(session, model, [c.effect for c in claims], refused)
         if again.names and not again.laws and not _explains_less(again.found, found.found):
-            return again
+            return replace(again, renamed=True)
     if found.names or found.laws or leaves_most(outcome.found) or outcome.behind >= LAW_VERDICT.beside:
         return replace(found, doubted=doubted, behind=outcome.behind)
     return replace(outcome, doubted=frozenset())

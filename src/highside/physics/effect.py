@@ -29,6 +29,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from enum import Enum
+from types import MappingProxyType
 
 import numpy as np
 
@@ -112,6 +113,8 @@ class Effect(ABC):
     """why it leaves no trace in the mean of a pose that is held, in words; empty if it does leave one"""
     constant: bool = False
     """True: it adds the same to every row"""
+    lasting: Mapping[str, float] = MappingProxyType({})
+    """parameters that have these values in a later recording: of what sets in once and stays"""
     calibrated: bool = False
     """True: part of the linear model that a plain calibration fits: the first that a rich model takes in"""
     next_order_of: str = ""
@@ -179,11 +182,6 @@ class Effect(ABC):
     def restarted(self, p: AnyArray, earlier_s: float) -> tuple[AnyArray, AnyArray]:
         """Factor and increment (K,) of each parameter p (K,) if its time is counted from so much earlier."""
         return np.ones(len(p)), np.array([earlier_s if parameter.epoch else 0.0 for parameter in self.parameters])
-
-    @property
-    def lasting(self) -> dict[str, float]:
-        """Values in a later recording of what sets in at a time and then stays: it is there from the start."""
-        return {one.name: 0.0 for one in self.shapes if one.epoch} if len(self.shapes) == 1 else {}
 
     def on_channels(self, data: Channels) -> Sequence[ChannelTerm]:
         """What it may do to the channels that another program predicts; nothing unless an effect says so."""

@@ -88,16 +88,14 @@ def doubted_of(found: Found, ahead: Mapping[str, float]) -> frozenset[str]:
     """The names that are to give way, as one law does better in their place: of stepped sessions, where that was tried.
 
     Where most of it is left, a name must itself be clearly better than each: what stands in its place may leave
-    nothing. And beside laws, which say that the library does not hold it all.
+    nothing. And so a name with a shape of its own, of which many were tried, beside laws, which say that the library
+    does not hold it all.
     """
     if not found.problem.every_pair:
         return frozenset()
-    least = -LAW_VERDICT.ahead
-    if beside_laws(found):
-        least = LAW_VERDICT.beside
-    if leaves_most(found):
-        least = LAW_SEARCH.gain
-    return frozenset(name for name, nats in ahead.items() if nats < least)
+    plain = LAW_SEARCH.gain if leaves_most(found) else -LAW_VERDICT.ahead
+    shaped = max(plain, LAW_VERDICT.beside) if beside_laws(found) else plain
+    return frozenset(n for n, nats in ahead.items() if nats < (shaped if all_effects()[n].shapes else plain))
 
 
 def beside_laws(found: Found) -> bool:

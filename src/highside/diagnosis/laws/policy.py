@@ -375,8 +375,8 @@ class LawVerdictPolicy:
     be worth by itself, as names and laws of one set differ in how many functions they have."""
     beside: float = 8.0
     """Nats that a free law may gain beside a single name that is believed without further comparison; and by which a
-    name beside laws must be ahead of each law in its place. Source: margins of 5 to 8 in the same trial; a step told
-    beside two laws that it was not was 4.2 ahead (law/062 of 06d8469)."""
+    name with a shape of its own must, beside laws, be ahead of each law in its place. Source: margins of 5 to 8 in the
+    same trial; a step told beside two laws that it was not was 4.2 ahead (law/062 of 06d8469)."""
     ahead: float = 3.0
     """Nats by which one law in the place of a name must be ahead of it, the noise kept, to be told instead. Source: of
     26 sessions with effects of the library the nearest was 2.7 ahead, of eight outsiders that had a name four were 3.3

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from types import MappingProxyType
 
 from highside.arrays import AnyArray
 from highside.physics.channels import ANY, SLOW, Channels, ChannelTerm
@@ -29,6 +30,7 @@ class BiasStep(Effect):
     depends_on_input = False
     groups = singles(3)
     slow = True
+    lasting = MappingProxyType({"t0": 0.0})
 
     def delta(self, state: ChainState, p: AnyArray, x: AnyArray) -> AnyArray:
         after = state.t_s - state.t_s[:1] >= p[3].real
