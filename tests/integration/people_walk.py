@@ -77,8 +77,10 @@ COVERED = r"""(() => {
 })()"""
 
 SIGNED_OUT = (
-    "location.pathname.endsWith('/sign-in') && document.querySelector('#name') && document.readyState === 'complete'"
+    "location.pathname.endsWith('/sign-in') && document.querySelector('#name') && !document.querySelector('.person')"
+    " && document.readyState === 'complete'"
 )
+"""The page that came of it: the one that is left is at the same path and has a field of that name, too."""
 
 Skeleton = list[tuple[str, str, list[float] | None]]
 
@@ -268,9 +270,7 @@ async def signs_in(walk: Walk, at: str, name: str) -> None:
     await walk.face.goto(f"{at}sign-in")
     if await walk.face.evaluate("!!document.querySelector('form.person button')"):
         await walk.face.click("form.person button")
-        # the page that is left may have a field of that name too
         await walk.face.until(SIGNED_OUT)
-        await walk.face.goto(f"{at}sign-in")
     await walk.face.click("#name")
     await walk.face.keys(name)
     await walk.face.click("#password")
