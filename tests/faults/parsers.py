@@ -530,6 +530,7 @@ def all_parsers(bench: Bench) -> Sequence[Parser]:
     shipped = (config / "highside.toml").read_bytes()
     services = (seeds.SERVICE_PLAIN, shipped, seeds.SERVICE)
     dbcs = (seeds.DBC, (config / "highside.dbc").read_bytes())
+    kept = tuple(seeds.surveys(count) for count in (1, 3, 12))
     record, compensations = seeds.record().to_json().encode(), seeds.compensations()
     override = (b"mqtt.port=1883", b'tool.id="x"', b"codec.columns={ax=1}")
     entry = {"number": 1, "tool": "t1", "record": "0" * 64, "action": "activate", "at": "2026-11-22T10:00:00Z"}
@@ -569,7 +570,7 @@ def all_parsers(bench: Bench) -> Sequence[Parser]:
             "toolface log", of(seeds.toolface_log()), bench.toolface, (seeds.toolface_log(),), ("service/rig/toolface",)
         ),
         Parser("surveys", of(seeds.surveys()), bench.surveys, (seeds.surveys(),), RIG),
-        Parser("surveys, analysed", of(seeds.surveys()), bench.surveys_analysed, (seeds.surveys(),), SURVEYS),
+        Parser("surveys, analysed", of(*kept), bench.surveys_analysed, kept, SURVEYS),
         Parser("survey depths", of(seeds.DEPTHS), bench.survey_join, (seeds.DEPTHS,), DEPTHS),
         Parser("watch and tool model", of(watched), bench.watched_error_model, (watched,), ERROR_MODEL),
         Parser("watch said", of(said), bench.watch_said, (said,), ("watch/proposal", "watch/parameters", *CALIBRATION)),

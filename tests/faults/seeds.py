@@ -225,12 +225,12 @@ def toolface_log() -> bytes:
 
 
 @cache
-def surveys() -> bytes:
+def surveys(count: int = 12) -> bytes:
     lines = [
         {"seq": i, "t": 1.79e9 + 600.0 * i, "inc_deg": 12.0, "tf_deg": 30.0 * i, "g_total": 1.0 + 1e-4 * i,
          "g_error_std_mg": 0.1, "cal_id": "c1", "reasons": [], "temp_c": 20.0 + i,
          "g_error_mg": 0.1 * i, "g_noise_mg": 0.02, "accepted": True}
-        for i in range(12)
+        for i in range(count)
     ]  # fmt: skip
     return b"".join(json.dumps(line).encode() + b"\n" for line in lines)
 
