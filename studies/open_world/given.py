@@ -50,7 +50,8 @@ def is_true(law: Row, group: Any) -> bool:
 def nothing_but(laws: list[Row]) -> Iterator[None]:
     """The search for laws has the groups of these laws alone, and no name stands beside them."""
     from highside.diagnosis import beside_laws, names_instead
-    from highside.diagnosis.laws.search import Found, Search
+    from highside.diagnosis.laws.found import Found
+    from highside.diagnosis.laws.search import Search
 
     run, alone = Search.run, beside_laws._alone
 

@@ -15,10 +15,11 @@ from highside.arrays import Array
 from highside.diagnosis.core.observed import Observed
 from highside.diagnosis.laws import evidence
 from highside.diagnosis.laws.evidence import Families, Whitened
+from highside.diagnosis.laws.found import Found
 from highside.diagnosis.laws.groups import groups_of
 from highside.diagnosis.laws.noise import LawNoise, Whitener
 from highside.diagnosis.laws.problem import LawProblem
-from highside.diagnosis.laws.search import Found, Search
+from highside.diagnosis.laws.search import Search
 from highside.diagnosis.rows import scratch
 from highside.diagnosis.rows.design import ChainDesign
 from highside.diagnosis.rows.policy import DESIGN

@@ -15,10 +15,11 @@ from highside.cli.diagnose import _show
 from highside.config.model import Model
 from highside.diagnosis.laws.claims import reported_laws
 from highside.diagnosis.laws.effects import Columns, EffectGroup
+from highside.diagnosis.laws.found import Found
 from highside.diagnosis.laws.groups import LawGroup, groups_of
 from highside.diagnosis.laws.instead import names_instead
 from highside.diagnosis.laws.problem import LawProblem, PlaceField
-from highside.diagnosis.laws.search import Found, Search
+from highside.diagnosis.laws.search import Search
 from highside.physics.covariates import COVARIATES, joined, parted
 from highside.physics.effects import all_effects
 from highside.physics.forward import ForwardModel

@@ -10,10 +10,11 @@ from highside.diagnosis.core.observed import Observed
 from highside.diagnosis.laws.chain import chain_problem
 from highside.diagnosis.laws.claims import reported_laws
 from highside.diagnosis.laws.evidence import Families, Whitened, best_priors
+from highside.diagnosis.laws.found import Found
 from highside.diagnosis.laws.groups import groups_of
 from highside.diagnosis.laws.noise import LadderNoise, LawNoise, Whitener, ladder_lengths
 from highside.diagnosis.laws.problem import LawProblem
-from highside.diagnosis.laws.search import Found, Search
+from highside.diagnosis.laws.search import Search
 from highside.physics.forward import ForwardModel
 from highside.physics.gravity import gravity_direction
 from highside.physics.state import ChainState

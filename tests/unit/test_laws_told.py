@@ -15,8 +15,9 @@ from highside.diagnosis.laws import claims
 from highside.diagnosis.laws.chain import chain_problem
 from highside.diagnosis.laws.claims import heldout, proved, reported_laws
 from highside.diagnosis.laws.evidence import LawTerm, Prior
+from highside.diagnosis.laws.found import Found
 from highside.diagnosis.laws.groups import LawGroup, groups_of
-from highside.diagnosis.laws.search import Found, Search
+from highside.diagnosis.laws.search import Search
 from highside.diagnosis.laws.separable import as_product
 from highside.physics.gravity import gravity_direction
 from highside.physics.state import ChainState

@@ -10,9 +10,10 @@ from highside.diagnosis.core.result import DiagnosisResult
 from highside.diagnosis.identified_noise import with_identified_noise
 from highside.diagnosis.laws.chain import chain_problem
 from highside.diagnosis.laws.claims import reported_laws
+from highside.diagnosis.laws.found import Found
 from highside.diagnosis.laws.groups import LawGroup, groups_of
 from highside.diagnosis.laws.problem import LawProblem
-from highside.diagnosis.laws.search import Found, Search
+from highside.diagnosis.laws.search import Search
 from highside.diagnosis.laws.variants import onset_knots, variants_of
 from highside.physics.covariates import lag_of
 from highside.physics.forward import ForwardModel

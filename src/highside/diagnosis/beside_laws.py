@@ -23,6 +23,7 @@ from highside.diagnosis.law_answers import beside_laws, location_of, told_implau
 from highside.diagnosis.law_sessions import LawSession
 from highside.diagnosis.laws.claims import ReportedLaw, cases_of_laws, heldout_of, proved, reported_laws
 from highside.diagnosis.laws.effects import EffectGroup
+from highside.diagnosis.laws.found import Found
 from highside.diagnosis.laws.free_rivals import (
     as_rivals,
     doubted_of,
@@ -34,7 +35,7 @@ from highside.diagnosis.laws.free_rivals import (
 from highside.diagnosis.laws.groups import LawGroup, groups_of
 from highside.diagnosis.laws.policy import LAW_SEARCH, LAW_VERDICT
 from highside.diagnosis.laws.problem import LawProblem
-from highside.diagnosis.laws.search import Found, Search
+from highside.diagnosis.laws.search import Search
 from highside.diagnosis.name_groups import name_groups, resembled
 from highside.diagnosis.names_instead import alike_of, implausible, names_of, with_names_instead
 from highside.physics import effects as library

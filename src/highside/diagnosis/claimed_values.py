@@ -8,7 +8,7 @@ from highside.arrays import Array
 from highside.diagnosis.core.result import Claim
 from highside.diagnosis.law_sessions import LawSession, linear
 from highside.diagnosis.laws.claims import reported_laws
-from highside.diagnosis.laws.search import Found
+from highside.diagnosis.laws.found import Found
 from highside.diagnosis.names_instead import names_of
 from highside.physics.forward import ForwardModel
 

@@ -22,10 +22,10 @@ from highside.diagnosis.core.problem import ReportData
 from highside.diagnosis.core.result import DiagnosisResult
 from highside.diagnosis.core.serial_correlation import RANDOM_WALK
 from highside.diagnosis.core.unexplained import hinted
+from highside.diagnosis.laws.found import Found
 from highside.diagnosis.laws.free_rivals import leaves_most
 from highside.diagnosis.laws.noise import LawNoise
 from highside.diagnosis.laws.policy import LAW_VERDICT
-from highside.diagnosis.laws.search import Found
 from highside.diagnosis.laws.set_angles import enough_poses, may_hide_a_law, usual
 from highside.diagnosis.poses.policy import ROWS_MEMORY
 from highside.diagnosis.poses.session import PoseSession

@@ -17,8 +17,8 @@ from highside.diagnosis.core.regression import flattened
 from highside.diagnosis.law_sessions import LawSession
 from highside.diagnosis.laws.effects import EffectGroup
 from highside.diagnosis.laws.evidence import orthonormal
+from highside.diagnosis.laws.found import Found
 from highside.diagnosis.laws.policy import LAW_VERDICT
-from highside.diagnosis.laws.search import Found
 from highside.physics import effects as library
 from highside.physics.effect import Effect
 from highside.physics.forward import ForwardModel

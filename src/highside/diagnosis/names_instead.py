@@ -9,8 +9,8 @@ import numpy as np
 from highside.diagnosis.core.result import Claim
 from highside.diagnosis.law_sessions import LawSession
 from highside.diagnosis.laws.claims import named_claim, reported_laws
+from highside.diagnosis.laws.found import Found
 from highside.diagnosis.laws.instead import names_instead
-from highside.diagnosis.laws.search import Found
 from highside.diagnosis.name_groups import name_groups, resembled
 from highside.physics import effects as library
 from highside.physics.forward import ForwardModel

@@ -15,10 +15,10 @@ from highside.diagnosis.core.result import Claim, Curve, FittedParameter
 from highside.diagnosis.laws.effects import EffectGroup
 from highside.diagnosis.laws.evidence import LawTerm, Whitened, raw_columns
 from highside.diagnosis.laws.formulas import Closed, closed_form
+from highside.diagnosis.laws.found import Found
 from highside.diagnosis.laws.groups import LawGroup, values_of
 from highside.diagnosis.laws.policy import LAW_REPORT
 from highside.diagnosis.laws.readings import readings_of
-from highside.diagnosis.laws.search import Found
 from highside.diagnosis.laws.separable import as_product
 from highside.physics.covariates import covariate
 from highside.physics.effect import Effect

@@ -12,9 +12,9 @@ from highside.arrays import Array
 from highside.diagnosis.core.regression import flattened
 from highside.diagnosis.laws.evidence import LawTerm, Whitened, inverse_of, orthonormal
 from highside.diagnosis.laws.formulas_policy import LAW_FORMULAS
+from highside.diagnosis.laws.found import Found
 from highside.diagnosis.laws.groups import LawGroup, values_of
 from highside.diagnosis.laws.policy import LAW_REPORT
-from highside.diagnosis.laws.search import Found
 from highside.physics.covariates import covariate
 from highside.physics.law import Axis, Function, Law
 from highside.physics.places import PLACES

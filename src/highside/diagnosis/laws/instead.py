@@ -16,9 +16,9 @@ import numpy as np
 from highside.diagnosis.laws.classes import class_of
 from highside.diagnosis.laws.effects import EffectGroup
 from highside.diagnosis.laws.evidence import LawTerm, Whitened
+from highside.diagnosis.laws.found import Found
 from highside.diagnosis.laws.groups import LawGroup
 from highside.diagnosis.laws.policy import LAW_SEARCH, LAW_VERDICT
-from highside.diagnosis.laws.search import Found
 
 Believed = Callable[[Found, int], bool]
 """whether the name that is a term of a search has a constant size, and one that an instrument may have"""

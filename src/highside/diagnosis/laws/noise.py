@@ -45,6 +45,13 @@ class LawNoise:
         """Whether any channel's noise has a memory."""
         return bool(np.any(self.share > 0) or np.any(self.ladder > 0))
 
+    def times_the_floor(self, problem: LawProblem) -> Array:
+        """(C,) standard deviation of the noise of a channel, rms over its values, in units of the floor."""
+        variance = self.factor**2 * (1.0 + self.share + LAW_NOISE.ladder * self.ladder)
+        for size, way in zip(self.jitter, () if problem.jitter is None else problem.jitter, strict=True):
+            variance = variance + np.mean((size * way / problem.floor) ** 2, axis=1)
+        return np.asarray(np.sqrt(variance))
+
     def summary(self) -> str:
         """In words."""
         words = []

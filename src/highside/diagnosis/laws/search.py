@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
@@ -16,6 +15,8 @@ from highside.diagnosis.laws.classes import class_of
 from highside.diagnosis.laws.edges import several_edges
 from highside.diagnosis.laws.effects import EffectGroup
 from highside.diagnosis.laws.evidence import Families, LawTerm, Prior, Whitened, raw_columns
+from highside.diagnosis.laws.few_values_policy import FEW_VALUES
+from highside.diagnosis.laws.found import Found
 from highside.diagnosis.laws.groups import LawGroup, groups_of
 from highside.diagnosis.laws.learning import NoiseLearner
 from highside.diagnosis.laws.noise import LawNoise, Whitener
@@ -24,63 +25,6 @@ from highside.diagnosis.laws.other_than_time import without_time
 from highside.diagnosis.laws.policy import LAW_SEARCH
 from highside.diagnosis.laws.problem import LawProblem
 from highside.diagnosis.laws.variants import as_simple, variants_of
-
-
-@dataclass(frozen=True)
-class Found:
-    """The laws of a session and the noise beside them."""
-
-    problem: LawProblem
-    terms: tuple[LawTerm, ...]
-    noise: LawNoise
-    evidence: float
-    """restricted, with the noise learnt"""
-    gains: tuple[float, ...]
-    """of each term: nats that its removal costs with the noise learnt again"""
-    classes: tuple[tuple[LawGroup, ...], ...]
-    """of each term: the groups that this session cannot tell from it, the best first"""
-    residual: Array
-    """(C, n) with values far from the fit clipped"""
-    families: Families
-
-    @cached_property
-    def next_gain(self) -> float:
-        """Nats that the best further group would gain, the noise as it is."""
-        gains, _ = self.whitened().scores(list(self.terms), within=0.0)
-        return float(np.max(gains, initial=-np.inf))
-
-    @cached_property
-    def without_memory(self) -> float:
-        """Evidence of the terms beside the best noise that is not correlated from value to value."""
-        return self.learner.without_memory(self.terms, self.residual)
-
-    @cached_property
-    def to_the_floor(self) -> float:
-        """The same beside the floor and errors of the set angles alone."""
-        return self.learner.without_memory(self.terms, self.residual, to_the_floor=True)
-
-    @cached_property
-    def learner(self) -> NoiseLearner:
-        """Of the noise beside some of the terms."""
-        return NoiseLearner(self.problem)
-
-    def gain_of(self, which: Collection[int]) -> float:
-        """Nats that the removal of these terms together costs with the noise learnt again."""
-        others = [t for k, t in enumerate(self.terms) if k not in which]
-        tries = sum(float(np.log(self.terms[k].group.tries)) for k in which)
-        return self.evidence - self.learner.learn(others, self.residual)[1] - tries
-
-    def only(self, kept: Sequence[int]) -> Found:
-        """These terms alone, with the noise learnt again."""
-        terms = tuple(self.terms[k] for k in kept)
-        noise, found = self.learner.learn(terms, self.residual)
-        classes = tuple(self.classes[k] for k in kept)
-        one = replace(self, terms=terms, noise=noise, evidence=found, classes=classes, gains=(0.0,) * len(kept))
-        return replace(one, gains=tuple(one.gain_of([k]) for k in range(len(kept))))
-
-    def whitened(self) -> Whitened:
-        """Everything under the noise that was learnt."""
-        return Whitened(self.families, Whitener(self.problem, self.noise), self.residual)
 
 
 @dataclass
@@ -146,11 +90,31 @@ class Search:
         if two.worth >= one.worth and _which(two.terms) != _which(one.terms):
             two = self._proved(self._grown(self._proved(two), relearn=True))
             one = max((one, two), key=lambda s: s.worth)
+        one = self._from_between(one)
         if self.problem.every_pair and one.noise.remembers:
             one = self._from_edges(one)
         if not self._variants:
             return self._found(one)
         return self._found(self._without_time(self._from_onsets(one) if self.problem.every_pair else one))
+
+    def _from_between(self, best: _State) -> _State:
+        """What was found, or what begins beside white noise between the floor and what was learnt, and does better."""
+        learnt = best.noise.times_the_floor(self.problem)
+        if self.problem.n > FEW_VALUES.most or float(learnt.max()) < FEW_VALUES.far:
+            return best
+        for power in FEW_VALUES.between:
+            noise = replace(LawNoise.floor_alone(self.problem), factor=learnt**power)
+            start = self._grown(_State([], noise, -np.inf, self.problem.residual), relearn=False)
+            state = self._learn(start.terms, self.problem.residual)
+            if state.worth < best.worth or _which(state.terms) == _which(best.terms):
+                continue
+            made = self._proved(self._grown(self._proved(state), relearn=True))
+            still = float(made.noise.times_the_floor(self.problem).max()) >= FEW_VALUES.far
+            if not still or min(self._costs(made), default=0.0) >= FEW_VALUES.gain:
+                best = max((best, made), key=lambda s: s.worth)
+            if best is made and not still:
+                break
+        return best
 
     def _from_edges(self, best: _State) -> _State:
         """What was found, its noise taking something slow, or edges that do better, and what goes with them."""

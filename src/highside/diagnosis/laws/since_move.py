@@ -20,10 +20,11 @@ from numpy.typing import NDArray
 from highside.arrays import Array
 from highside.diagnosis.laws.chain import CHANNELS, OF_POSES, covariate_values, place_fields
 from highside.diagnosis.laws.claims import ReportedLaw, reported_laws
+from highside.diagnosis.laws.found import Found
 from highside.diagnosis.laws.groups import LawGroup, axis_of, each_place, varying
 from highside.diagnosis.laws.policy import LAW_GROUPS, LAW_SEARCH, LAW_SINCE_MOVE
 from highside.diagnosis.laws.problem import LawProblem, fields_that_act
-from highside.diagnosis.laws.search import Found, Search
+from highside.diagnosis.laws.search import Search
 from highside.physics.forward import ForwardModel
 from highside.physics.law import Axis, Function
 from highside.physics.state import ChainState

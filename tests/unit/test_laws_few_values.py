@@ -1,0 +1,32 @@
+"""Strong laws in few poses: found beside less noise than is learnt without them, and not taken for less than they are."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from studies.open_world.score import every_case, run_case
+
+DECK = "6e7a83282220bb7c572626125f35237d45e292c7"
+"""whose cases set the numbers (`highside.diagnosis.laws.few_values_policy`)"""
+
+
+@pytest.mark.parametrize(
+    ("name", "poses", "depends_on", "closed"), [("law/022", 21, ["tf"], 0.95), ("law/092", 20, ["temp"], 0.5)]
+)
+def test_a_strong_law_of_several_in_few_poses_is_told_though_noise_would_take_it(
+    name: str, poses: int, depends_on: list[str], closed: float, tmp_path: Path
+) -> None:
+    case = every_case(DECK, ("law",))[name]()
+    assert len(set(case.recording["pose"])) == poses
+    row = run_case(case, tmp_path)
+    assert row["answer"]["verdict"] == "law"
+    assert depends_on in [claim["depends_on"] for claim in row["answer"]["claims"]]
+    assert row["closed"] > closed
+
+
+def test_where_noise_far_above_the_floor_stays_a_law_of_a_few_nats_is_no_claim(tmp_path: Path) -> None:
+    # an offset of the toolface would gain 15.6 nats, and leave 29 times the floor
+    row = run_case(every_case(DECK, ("law",))["law/308"](), tmp_path)
+    assert row["answer"]["verdict"] == "unknown"
+    assert row["answer"]["claims"] == []
