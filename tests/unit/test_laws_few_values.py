@@ -1,10 +1,11 @@
-"""Strong laws in few poses: found beside less noise than is learnt without them, and not taken for less than they are."""
+"""Strong laws in few poses are found beside less noise than is learnt without them, and told for what they are."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 import pytest
+
 from studies.open_world.score import every_case, run_case
 
 DECK = "6e7a83282220bb7c572626125f35237d45e292c7"

@@ -15,6 +15,7 @@ from highside.diagnosis.laws import claims
 from highside.diagnosis.laws.chain import chain_problem
 from highside.diagnosis.laws.claims import heldout, proved, reported_laws
 from highside.diagnosis.laws.evidence import LawTerm, Prior
+from highside.diagnosis.laws.formulas import forms_of
 from highside.diagnosis.laws.found import Found
 from highside.diagnosis.laws.groups import LawGroup, groups_of
 from highside.diagnosis.laws.search import Search
@@ -146,3 +147,10 @@ def test_a_law_that_is_alone_goes_too_if_it_says_little_of_other_values(monkeypa
     for gain, kept in ((5.0, 0), (13.0, 1)):
         monkeypatch.setattr(claims, "heldout", lambda *given, gain=gain: gain)
         assert len(proved(found).terms) == kept
+
+
+@pytest.mark.parametrize("distinct", [2, 3])
+def test_two_values_show_a_line_and_no_other_formula(distinct: int) -> None:
+    supply = np.linspace(4.8, 5.2, distinct)[np.arange(60) % distinct]
+    names = [form.name for form in forms_of("supply_v", supply + 1e-9 * np.sin(np.arange(60)))]
+    assert (names == ["linear"]) == (distinct == 2)

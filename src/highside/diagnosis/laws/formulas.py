@@ -14,7 +14,7 @@ from highside.diagnosis.laws.evidence import LawTerm, Whitened, inverse_of, orth
 from highside.diagnosis.laws.formulas_policy import LAW_FORMULAS
 from highside.diagnosis.laws.found import Found
 from highside.diagnosis.laws.groups import LawGroup, values_of
-from highside.diagnosis.laws.policy import LAW_REPORT
+from highside.diagnosis.laws.policy import LAW_GROUPS, LAW_REPORT
 from highside.physics.covariates import covariate
 from highside.physics.law import Axis, Function, Law
 from highside.physics.places import PLACES
@@ -55,7 +55,8 @@ def forms_of(name: str, values: Array) -> Iterator[_Form]:
         yield _Form("dent", [(Function("dent", (float(c), w)),) for c, w in dents], 3)
         return
     yield _Form("linear", [(Function("linear", (0.0 if zero else low + width / 2,)),)], 1)
-    if name == "tf_fraction":
+    if name == "tf_fraction" or np.unique(np.round((values - low) / width / LAW_GROUPS.distinct)).size < LAW_GROUPS.few:
+        # two values show no more than the difference between them
         return
     for power in LAW_FORMULAS.powers:
         at = zero or inner
