@@ -31,3 +31,11 @@ def test_where_noise_far_above_the_floor_stays_a_law_of_a_few_nats_is_no_claim(t
     row = run_case(every_case(DECK, ("law",))["law/308"](), tmp_path)
     assert row["answer"]["verdict"] == "unknown"
     assert row["answer"]["claims"] == []
+
+
+def test_of_formulas_that_tie_the_best_predicts_where_the_curve_does_worse(tmp_path: Path) -> None:
+    # an exponential, of 18 poses: a saturation does as well, and the curve of three cosines closed 0.11
+    row = run_case(every_case(DECK, ("law",))["law/306"](), tmp_path)
+    (claim,) = row["answer"]["claims"]
+    assert "exp(" in claim["formula"] and " or " in claim["formula"]
+    assert row["closed"] > 0.95

@@ -23,7 +23,7 @@ from highside.special import chdtrc
 
 @dataclass(frozen=True)
 class Closed:
-    """The text of a formula (several where none is ahead), and the law of the one that is."""
+    """The text of a formula (several where none is ahead), and the law of the best where that is ahead of the curve."""
 
     text: str
     law: Law | None
@@ -156,10 +156,10 @@ def closed_form(found: Found, white: Whitened, terms: list[LawTerm], k: int) -> 
     simplest = sorted(
         near, key=lambda one: (one.form.numbers, round(one.loss, LAW_FORMULAS.alike), one.functions[0].numbers)
     )
-    texts = [_text(one, name, bool(constant)) for one in simplest[: LAW_FORMULAS.most]]
-    if len(near) > 1:
-        # of several none is sure: the law stays the curve
-        return Closed(" or ".join(texts), None, best.effect)
+    told = " or ".join(_text(one, name, bool(constant)) for one in simplest[: LAW_FORMULAS.most])
+    if len(near) > 1 and 0.5 * (curve - best.loss) < LAW_FORMULAS.margin:
+        # of several none is sure, and the curve does about as well: the law stays that
+        return Closed(told, None, best.effect)
     axis = Axis(name, span.low, span.high, (*best.functions, *constant))
     law = Law(
         group.label,
@@ -168,9 +168,9 @@ def closed_form(found: Found, white: Whitened, terms: list[LawTerm], k: int) -> 
         (axis,),
         (tuple(float(v) for v in best.coefficients),),
         tuple(tuple(float(v) for v in row) for row in best.covariance),
-        texts[0],
+        _text(best, name, bool(constant)),
     )
-    return Closed(texts[0], law, best.effect)
+    return Closed(told, law, best.effect)
 
 
 def _one_of_each(scored: list[_Scored]) -> list[_Scored]:
