@@ -22,7 +22,7 @@ from highside.config.watch import WatchSettings
 from highside.errors import InputError, Refused
 from highside.recording.calibration_store import CalibrationStore
 from highside.service.pipeline import Pipeline
-from highside.service.saved_watch import SavedWatch
+from highside.service.saved_watch import Numbers, SavedWatch
 from highside.service.watch_keeper import message
 from highside.service.watch_stage import Watched, WatchStage
 from highside.watch import POLICY, STATED, Still, Watch, WatchResult, prior_of_record
@@ -234,6 +234,12 @@ def test_a_state_of_another_kind_is_refused_and_what_is_said_is_a_message(
     assert again.said.claims[0].equivalence_class == stage.said.claims[0].equivalence_class
     np.testing.assert_allclose(again.said.covariance, stage.said.covariance, rtol=1e-9, atol=1e-15)
     assert not again.departs
+    # beside a scatter of nothing any other is infinitely more, which no message can say
+    tiny = np.zeros_like(saved.arrays["noise_changed"].values())
+    tiny[0] = 1.0, 1e-310, 1e-310, 1e-310
+    absurd = saved.model_copy(update={"arrays": saved.arrays | {"noise_changed": Numbers.of(tiny)}})
+    with pytest.raises(Refused, match="noise_changed: a scatter is beyond reason"):
+        a_stage(calibration, absurd)
     del saved.arrays["bank_since"]
     with pytest.raises(Refused, match="no saved watch"):
         a_stage(calibration, saved)

@@ -55,6 +55,11 @@ class Numbers(Strict):
         return found.astype(np.float64).reshape(self.shape)
 
 
+LEAST_SCATTER_G = 1e-15
+"""Scatter of readings at rest that a state may hold, beside none at all, g: the least that a double of 10 g resolves.
+Source: of less the ratio to a later scatter may overflow, and no message can say it (fuzz of 2026-11-27)."""
+
+
 class WatchFacts(Strict):
     """The members of `WatchMemory` that are no arrays."""
 
@@ -116,7 +121,12 @@ class SavedWatch(Strict):
             raise ValueError("it is of another version, with other parameters")
         if self.facts.last_s > self.t_s or (self.facts.onset_s or 0.0) > self.t_s:
             raise ValueError("it goes on after its own time")
-        return WatchMemory({name: one.values() for name, one in self.arrays.items()}, **self.facts.model_dump())
+        arrays = {name: one.values() for name, one in self.arrays.items()}
+        for name in ("noise_rests", "noise_changed"):
+            scatter = arrays.get(name, np.zeros((0, 1)))[..., 1:]
+            if ((scatter > 0.0) & (scatter < LEAST_SCATTER_G)).any():
+                raise ValueError(f"{name}: a scatter is beyond reason")
+        return WatchMemory(arrays, **self.facts.model_dump())
 
 
 def facts_of(memory: WatchMemory) -> WatchFacts:
