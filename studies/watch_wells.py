@@ -6,14 +6,20 @@ of rotation, as means and harmonics with the errors that such have (white noise,
 the frame level, rows of accelerometers and gyros through a recording, is `frames`.
 
     python -m studies.watch_wells --wells 30 --departures 30 --first-seed 5000
+
+`--keep FILE` writes what became of each well as it ends, a line of JSON each. A share is given with the 95 % interval
+of Wilson; that of intervals that hold the truth with the standard error between wells, whose twelve err together.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import math
 import time
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -24,6 +30,8 @@ from highside.watch.present import error_of, std_of
 
 G0 = 9.80665
 WELLS = ("J", "S", "vertical", "45", "88")
+BUILDS = ("J", "S")
+"""those of them in which the inclination changes: elsewhere a class is all that there can be of most departures"""
 RECORD_STD = 1e-5
 """g, and ratio: of the record alone; the tool's repeatability is `STATED.repeat_g`"""
 FLICKER_H = np.geomspace(0.02, 200.0, 17)
@@ -221,6 +229,14 @@ class Outcome:
     nis: float = 1.0
     alarmed: bool = False
     """where noise grew: that something departs was said, too"""
+    kind: str = ""
+    seed: int = 0
+    what: Departure | None = None
+
+    @property
+    def in_time(self) -> bool:
+        """Found within max(1.5 t_CR, 2 h); where the bound is never reached, at any time."""
+        return self.found_h is not None and (self.bound_h is None or self.found_h <= max(1.5 * self.bound_h, 2.0))
 
 
 LAGS_H = (0.0, 1.0, 3.0, 6.0, 12.0, 24.0)
@@ -229,7 +245,7 @@ LAGS_H = (0.0, 1.0, 3.0, 6.0, 12.0, 24.0)
 def run(kind: str, seed: int, conditions: Conditions, what: Departure | None = None) -> Outcome:
     """One well."""
     well, watch = Well(kind, seed, conditions, what), Watch(stated_prior(conditions.told))
-    outcome = Outcome(conditions.hours, None)
+    outcome = Outcome(conditions.hours, None, kind=kind, seed=seed, what=what)
     need = np.sqrt(POLICY.threshold) + POLICY.power
     checks: list[float] = []
     in_class: list[bool] = []
@@ -398,18 +414,32 @@ def _print_others(word: str, found: list[Outcome]) -> None:
     print(f"  where noise grew: departs was said, too, in {sum(one.alarmed for one in judged)}", flush=True)
 
 
-def quiet(wells: int, first_seed: int, conditions: Conditions) -> list[Outcome]:
+def quiet(
+    wells: int, first_seed: int, conditions: Conditions, keep: Callable[[Outcome], None] = lambda one: None
+) -> list[Outcome]:
     """Wells in which nothing departs."""
-    return [run(WELLS[k % len(WELLS)], first_seed + k, conditions) for k in range(wells)]
+    out = []
+    for k in range(wells):
+        out.append(run(WELLS[k % len(WELLS)], first_seed + k, conditions))
+        keep(out[-1])
+    return out
 
 
-def departing(wells: int, first_seed: int, conditions: Conditions, *, coefficients: bool = False) -> list[Outcome]:
+def departing(
+    wells: int,
+    first_seed: int,
+    conditions: Conditions,
+    *,
+    coefficients: bool = False,
+    keep: Callable[[Outcome], None] = lambda one: None,
+) -> list[Outcome]:
     """Wells in each of which one thing departs: a step, or a coefficient of temperature."""
     out = []
     for k in range(wells):
         rng = np.random.default_rng([first_seed, k])
         what = drawn_coefficient(rng) if coefficients else drawn_departure(rng, conditions.hours)
         out.append(run(WELLS[k % len(WELLS)], first_seed + k, conditions, what))
+        keep(out[-1])
     return out
 
 
@@ -418,6 +448,27 @@ def upper_95(count: int, hours: float) -> float:
     from scipy.stats import chi2
 
     return float(chi2.ppf(0.95, 2 * (count + 1)) / 2.0 / hours * 1000.0)
+
+
+def share(count: int, of: int) -> str:
+    """With the 95 % interval of Wilson."""
+    if not of:
+        return "0 of 0"
+    z, p = 1.96, count / of
+    middle, half = p + z * z / (2 * of), z * math.sqrt(p * (1.0 - p) / of + (z / (2 * of)) ** 2)
+    low, high = ((middle + sign * half) / (1.0 + z * z / of) for sign in (-1.0, 1.0))
+    return f"{count} of {of} [{100 * low:.1f}, {100 * high:.1f}] %"
+
+
+def _kept_in(path: Path | None, word: str) -> Callable[[Outcome], None]:
+    """A line of each well, of that `word`, as it ends."""
+
+    def keep(one: Outcome) -> None:
+        if path is not None:
+            with path.open("a", encoding="utf-8") as file:
+                print(json.dumps({"of": word, **asdict(one)}, default=lambda number: number.item()), file=file)
+
+    return keep
 
 
 def main() -> None:
@@ -435,6 +486,7 @@ def main() -> None:
         "--flicker", action="store_true", help="also wells with 1/f noise of 30 ug, whirl, and a watch that is told so"
     )
     parser.add_argument("--others", type=int, default=0, help="wells each with rectification, drifts, growing noise")
+    parser.add_argument("--keep", type=Path, help="file to which a line of JSON of each well is added as it ends")
     args = parser.parse_args()
     stated = Conditions(hours=args.hours)
     ways = [("as stated", stated), ("noise 1.4 and walk 1.5 times the stated", replace(stated, noise=1.4, walk=1.5))]
@@ -444,19 +496,11 @@ def main() -> None:
         ways.append(("1/f noise of 30 ug, as the watch is told", replace(stated, flicker_g=3e-5, told=FLICKERING)))
     for word, conditions in ways if args.wells else ():
         begun = time.process_time()
-        found = quiet(args.wells, args.first_seed, conditions)
-        hours = sum(one.quiet_h for one in found)
-        false = sum(one.false_h is not None for one in found)
-        held, of = sum(one.held for one in found), sum(one.intervals for one in found)
-        computed, ratio = sum(one.computed for one in found), np.median([one.nis for one in found])
-        print(
-            f"{word}: {false} false departures in {hours:.0f} h, {false / hours * 1000:.2f} per 1,000 h"
-            f" (below {upper_95(false, hours):.2f}, 95 %); intervals of b and S hold {100 * held / max(of, 1):.1f} %"
-            f" of {of} (computed {100 * computed / max(of, 1):.1f} %); noise ratio {ratio:.2f};"
-            f" {time.process_time() - begun:.0f} s of processor"
-        )
+        found = quiet(args.wells, args.first_seed, conditions, _kept_in(args.keep, word))
+        _print_quiet(word, found, time.process_time() - begun)
     if args.departures:
-        _print_departures(departing(args.departures, args.first_seed + 100_000, stated))
+        keep = _kept_in(args.keep, "departure")
+        _print_departures(departing(args.departures, args.first_seed + 100_000, stated, keep=keep))
     for k, word in enumerate(OTHERS if args.others else ()):
         _print_others(word, others(word, args.others, args.first_seed + 300_000 + 10_000 * k, stated))
     if args.coefficients:
@@ -464,25 +508,54 @@ def main() -> None:
         _print_departures(departing(args.coefficients, args.first_seed + 200_000, stated, coefficients=True))
 
 
+def _print_quiet(word: str, found: list[Outcome], processor_s: float) -> None:
+    hours = sum(one.quiet_h for one in found)
+    false = sum(one.false_h is not None for one in found)
+    whole = [one for one in found if one.intervals]
+    held, of = sum(one.held for one in whole), max(sum(one.intervals for one in whole), 1)
+    shares = [one.held / one.intervals for one in whole]
+    error = np.std(shares, ddof=1) / math.sqrt(len(shares)) if len(shares) > 1 else np.nan
+    computed, ratio = sum(one.computed for one in found), np.median([one.nis for one in found])
+    print(
+        f"{word}: {false} false departures in {hours:.0f} h, {false / hours * 1000:.2f} per 1,000 h"
+        f" (below {upper_95(false, hours):.2f}, 95 %); intervals of b and S hold {100 * held / of:.1f}"
+        f" +- {100 * error:.1f} % of {of} (computed {100 * computed / of:.1f} %); noise ratio {ratio:.2f};"
+        f" {processor_s:.0f} s of processor",
+        flush=True,
+    )
+
+
 def _print_departures(found: list[Outcome]) -> None:
     false = [one for one in found if one.false_h is not None]
     hours = sum(one.quiet_h for one in found)
     print(f"with one departure each: {len(found)} wells, {len(false)} alarms before it in {hours:.0f} h")
+    reach = [one for one in found if one.bound_h is not None]
+    relevant = [one for one in found if one.relevant]
     for word, of in (
-        ("effect above 3 stated sigmas", [one for one in found if one.relevant]),
-        ("within reach of the Cramer-Rao bound", [one for one in found if one.bound_h is not None]),
+        ("within reach of the Cramer-Rao bound", reach),
+        ("effect above 3 stated sigmas", relevant),
+        ("effect above 3 stated sigmas, within reach", [one for one in relevant if one.bound_h is not None]),
     ):
-        got = [one for one in of if one.found_h is not None]
-        intime = [
-            one
-            for one in got
-            if one.bound_h is not None and one.found_h is not None and one.found_h <= max(1.5 * one.bound_h, 2.0)
-        ]
-        print(f"  {word}: {len(of)}, found {len(got)}, within max(1.5 t_CR, 2 h) {len(intime)}")
+        got = sum(one.found_h is not None for one in of)
+        in_time = share(sum(one.in_time for one in of), len(of))
+        print(f"  {word}: {len(of)}, found {got}, within max(1.5 t_CR, 2 h) {in_time}")
+    for one in [*reach, *(one for one in relevant if one.bound_h is None)]:
+        if not one.in_time:
+            print(
+                f"    not in time: {one.kind}, seed {one.seed}, {one.what};"
+                f" bound {one.bound_h} h, found {one.found_h} h"
+            )
     for k, lag in enumerate(LAGS_H):
         judged = [one for one in found if len(one.in_class) > k]
         right, alone = sum(one.in_class[k] for one in judged), sum(one.alone[k] for one in judged)
-        print(f"  {lag:g} h after the alarm: truth in the class {right} of {len(judged)}, one name alone {alone}")
+        building = [one.alone[k] for one in judged if one.kind in BUILDS]
+        print(
+            f"  {lag:g} h after the alarm: truth in the class {share(right, len(judged))}, one name alone"
+            f" {share(alone, len(judged))}, of wells that build {share(sum(building), len(building))}"
+        )
+        for one in judged:
+            if not one.in_class[k]:
+                print(f"    not in the class: {one.kind}, seed {one.seed}, {one.what}")
 
 
 if __name__ == "__main__":
