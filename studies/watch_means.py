@@ -145,6 +145,7 @@ def main() -> None:
     parser.add_argument("--apart-min", type=float, default=10.0, help="from one rest to the next")
     parser.add_argument("--scatter", choices=["none", "rows", "blind"], default="none", help="what is kept of the rows")
     parser.add_argument("--only", choices=["noise", "step"], help="one of the tables")
+    parser.add_argument("--sizes-mg", type=float, nargs="+", help="of the steps these alone")
     args = parser.parse_args()
     apart_s, seeds = 60.0 * args.apart_min, range(args.first_seed, args.first_seed + args.series)
     if args.only != "step":
@@ -159,6 +160,8 @@ def main() -> None:
         print("| step | alarms before it | found | rests until the alarm: 50, 95, 100 % | bound | in time | in class |")
         print("|---|---|---|---|---|---|---|")
         for k, size in enumerate(STEPS_G):
+            if args.sizes_mg and not np.isclose(args.sizes_mg, 1e3 * size).any():
+                continue
             steps = [run(1000 * seed + 100 + k, apart_s, (), size, args.scatter) for seed in seeds]
             _print_step(size, apart_s, steps)
 
