@@ -5,8 +5,8 @@ has not said so. `after`: one such step; do the 95 % intervals of the twelve par
 likeliest, hold the truth once it is said? `bent`: an antisymmetric misalignment of 3 mrad from the start, which reads
 like a bent collar: is it said to hold, and if it departs, what stands of the claim at the end? `turned`: the triad
 turned in the tool by 5 mrad about its axis, a toolface offset: how often is it said to hold, and which error of
-toolface would have been seen? `depth`: one measurement of some 500 has a depth that is 6 km too large. `sliding`: a tool
-that rested each quarter of an hour slides for three hours, its toolface wandering, shaken by 20 mg, and never rests.
+toolface would have been seen? `depth`: one measurement of some 500 has a depth that is 6 km too large. `sliding`: a
+tool that rested each quarter of an hour slides for three hours, its toolface wandering, shaken by 20 mg, without rest.
 Wells of 100 h that build, as in `studies.watch_wells`; `sliding` from rows, as a stream and as a recording.
 
     python -m studies.watch_beyond --cases two after --wells 60 --first-seed 81000000
@@ -132,10 +132,11 @@ def print_stepped(count: int, wells: int, first_seed: int) -> None:
         plain = [one for one in at if not one.second]
         alone = [one for one in plain if one.alone]
         held, of = sum(one.held for one in plain), CALIBRATION * len(plain)
+        right = share(sum(one.size_right for one in plain), len(plain))
         print(
             f"  {lag:g} h after the alarm: a second departure said {share(len(at) - len(plain), len(at))}; of the"
-            f" others truth in the class {share(sum(one.truth_in_class for one in plain), len(plain))}, likeliest true and its"
-            f" size in the interval {share(sum(one.size_right for one in plain), len(plain))}, one name alone"
+            f" others truth in the class {share(sum(one.truth_in_class for one in plain), len(plain))}, likeliest true"
+            f" and its size in the interval {right}, one name alone"
             f" {len(alone)}, that wrong {sum(not one.size_right for one in alone)}; intervals of the parameters hold"
             f" {100 * held / max(of, 1):.1f} % of {of}, the worst {max([one.worst for one in plain], default=0):.0f}"
             " standard deviations off",
