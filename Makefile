@@ -78,6 +78,7 @@ evidence: $(VENV)/.test
 	$(BIN)/python -m studies.drift_limit
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m studies.watch_wells --wells 30 --departures 300 --first-seed 5000
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m studies.watch_limits --wells 20 --first-seed 41000
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m studies.watch_beyond --wells 20
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m studies.fleet_lots --fleets 50 --tools 40 --first-seed 90000
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m studies.fleet_lots --fleets 25 --tools 40 --first-seed 96000 --hidden laws
 	$(BIN)/python -m studies.fleet_scale --job solve --sessions 1000 --kills 10 --ends 2

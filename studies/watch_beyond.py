@@ -7,7 +7,8 @@ like a bent collar: is it said to hold, and if it departs, what stands of the cl
 turned in the tool by 5 mrad about its axis, a toolface offset: how often is it said to hold, and which error of
 toolface would have been seen? `depth`: one measurement of some 500 has a depth that is 6 km too large. `sliding`: a
 tool that rested each quarter of an hour slides for three hours, its toolface wandering, shaken by 20 mg, without rest.
-Wells of 100 h that build, as in `studies.watch_wells`; `sliding` from rows, as a stream and as a recording.
+Wells of 100 h that build (`depth`: of all profiles), as in `studies.watch_wells`;
+`sliding` from rows, as a stream and as a recording.
 
     python -m studies.watch_beyond --cases two after --wells 60 --first-seed 81000000
 """
@@ -28,7 +29,7 @@ from highside.watch.claims import SECOND
 from highside.watch.parameters import CALIBRATION, INDEX, NAMES
 from studies.survey_analysis import calibration
 from studies.watch_noise import COLUMNS, RATE_HZ, Series, rows_of, streamed
-from studies.watch_wells import BUILDS, Conditions, Departure, Well, share, stated_prior
+from studies.watch_wells import BUILDS, WELLS, Conditions, Departure, Well, share, stated_prior
 
 LAGS_H = (0.0, 3.0, 10.0, 24.0)
 SIZES_G = 5e-4, 3e-3
@@ -144,11 +145,18 @@ def print_stepped(count: int, wells: int, first_seed: int) -> None:
         )
 
 
-def print_skewed(word: str, moved: dict[str, float], wells: int, first_seed: int, make: Callable[[], Watch]) -> None:
+def print_skewed(
+    word: str,
+    moved: dict[str, float],
+    wells: int,
+    first_seed: int,
+    make: Callable[[], Watch],
+    kinds: Sequence[str] = BUILDS,
+) -> None:
     """What is said of wells whose truth is `moved` from the start, or that are told what is not so."""
     departs, holds, small, below, unseen, worst = 0, 0.0, 0, 0, [], []
     for k in range(wells):
-        well, watch, looks = Stepped(BUILDS[k % len(BUILDS)], first_seed + k), make(), []
+        well, watch, looks = Stepped(kinds[k % len(kinds)], first_seed + k), make(), []
         for name, size in moved.items():
             well.truth[INDEX[name]] += size
         while well.t_s < HOURS * 3600.0:
@@ -233,7 +241,7 @@ def main() -> None:
         elif case == "turned":
             print_skewed("turned", {"S_xy": TURNED_RAD, "S_yx": -TURNED_RAD}, args.wells, args.first_seed, plain)
         elif case == "depth":
-            print_skewed("depth", {}, args.wells, args.first_seed, lambda: Glitch(stated_prior()))
+            print_skewed("depth", {}, args.wells, args.first_seed, lambda: Glitch(stated_prior()), WELLS)
         else:
             print_sliding(args.wells, args.first_seed)
 

@@ -457,7 +457,7 @@ def share(count: int, of: int) -> str:
     z, p = 1.96, count / of
     middle, half = p + z * z / (2 * of), z * math.sqrt(p * (1.0 - p) / of + (z / (2 * of)) ** 2)
     low, high = ((middle + sign * half) / (1.0 + z * z / of) for sign in (-1.0, 1.0))
-    return f"{count} of {of} [{100 * low:.1f}, {100 * high:.1f}] %"
+    return f"{count} of {of} [{100 * abs(low):.1f}, {100 * high:.1f}] %"
 
 
 def _kept_in(path: Path | None, word: str) -> Callable[[Outcome], None]:

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from highside.watch import POLICY, Still, Watch
+from studies.watch_beyond import Stepped, look
 from studies.watch_limits import Listener, bound, found, row
-from studies.watch_wells import OTHERS, Conditions, Departure, Well, drawn_other, others, stated_prior
+from studies.watch_wells import OTHERS, Conditions, Departure, Outcome, Well, drawn_other, others, share, stated_prior
 
 SHORT = Conditions(hours=12.0, vibration_g=3.0)
 
@@ -74,3 +75,36 @@ def test_noise_that_goes_on_growing_is_no_departure() -> None:
     noisy = others(OTHERS[3], 5, 335_000, Conditions())
     assert all(one.found_h is not None for one in noisy if one.bound_h is not None)
     assert not any(one.alarmed for one in noisy)
+
+
+@pytest.mark.parametrize(
+    ("bound_h", "found_h", "in_time"),
+    [(0.0, 2.0, True), (0.0, 2.1, False), (4.0, 6.0, True), (4.0, 6.1, False), (4.0, None, False), (None, 50.0, True)],
+)
+def test_what_is_found_in_time_is_what_the_bar_says(
+    bound_h: float | None, found_h: float | None, in_time: bool
+) -> None:
+    assert Outcome(10.0, None, bound_h=bound_h, found_h=found_h).in_time == in_time
+
+
+def test_a_share_is_given_with_the_interval_of_wilson() -> None:
+    # of 92 of 100, by hand: (0.92 + 0.0192 +- 1.96 sqrt(0.000736 + 0.000096)) / 1.0384
+    assert share(92, 100) == "92 of 100 [85.0, 95.9] %"
+    assert share(0, 10) == "0 of 10 [0.0, 27.8] %"
+
+
+def test_two_steps_at_one_time_are_both_made_and_what_is_said_is_held_against_both() -> None:
+    steps = [Departure("b_x", 2e-3, 1e4), Departure("S_zz", -2e-3, 1e4)]
+    well, same = Stepped("J", 91, steps), Stepped("J", 91)
+    watch, quiet = Watch(stated_prior()), Watch(stated_prior())
+    while well.t_s < 1e5:
+        well.stand(watch)
+        same.stand(quiet)
+    moved = well.truth - same.truth
+    assert moved[[0, 11]] == pytest.approx([2e-3, -2e-3], rel=1e-9)
+    assert np.count_nonzero(np.abs(moved) > 1e-12) == 2
+    seen = look(watch.result(), well, steps)
+    assert seen.truth_in_class
+    assert seen.second
+    # without the steps the same claim is nowhere near the truth
+    assert look(watch.result(), same, []).held < seen.held
