@@ -225,6 +225,17 @@ def test_values_that_an_arrow_file_only_claims_to_have_are_refused() -> None:
             arrow_columns(data, where="x")
 
 
+def test_a_column_that_asks_for_more_memory_than_there_is_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    def asks(_file: parquet.ParquetFile) -> pa.Table:
+        raise pa.ArrowMemoryError("malloc of size 8589934592 failed")
+
+    out = io.BytesIO()
+    parquet.write_table(pa.table({"t_s": [0.0, 1.0]}), out)
+    monkeypatch.setattr(parquet.ParquetFile, "read", asks)
+    with pytest.raises(InputError, match="x: needs more memory than there is, or is a damaged Parquet file"):
+        parquet_columns(out.getvalue(), where="x")
+
+
 @pytest.mark.parametrize("packing", [CompressionType.ZSTD, CompressionType.LZ4, CompressionType.NONE])
 def test_an_mcap_file_is_weighed_before_it_is_unpacked(packing: CompressionType) -> None:
     sound = mcap([b'{"t_s": %d}' % k for k in range(100)], packing)

@@ -138,7 +138,7 @@ def mcap_messages(data: bytes, *, where: str) -> Iterator[McapMessage]:
                 message.log_time,
                 message.data,
             )
-    except (InputError, MemoryError):
+    except InputError:
         raise
     except Exception as error:
         raise _damaged("MCAP", error, where) from None
@@ -262,13 +262,18 @@ def _whole(array: Any, dtype: type) -> NDArray[Any]:
 def _guarded(read: Callable[[], list[ReadColumn]], kind: str, where: str) -> list[ReadColumn]:
     try:
         return read()
-    except (InputError, MemoryError):
+    except InputError:
         raise
     except Exception as error:
         raise _damaged(kind, error, where) from None
 
 
 def _damaged(kind: str, error: Exception, where: str) -> InputError:
+    # a length within the file may be damaged, too, and is asked for before anything of it is read
+    if isinstance(error, MemoryError):
+        return InputError(
+            f"needs more memory than there is, or is a damaged {kind} file", where=where, remedy="give the right file"
+        )
     reason = " ".join(str(error).split())[:_SHOWN] or type(error).__name__
     return InputError(f"is a damaged {kind} file ({reason})", where=where, remedy="give the right file")
 

@@ -121,6 +121,7 @@ FILES = (
     said_later("is a damaged archive (%(why)s)"),
     said_later("is a damaged MATLAB file (%(why)s)"),
     said_later("is a damaged Parquet file (%(why)s)"),
+    said_later("needs more memory than there is, or is a damaged %(form)s file"),
     said_later("is no name of a file (%(why)s)"),
     said_later("a message of %(count)s bytes, a CAN bus carries at most %(most)s"),
     said_later("is longer than %(most)s: no TOML file of ours"),
