@@ -471,8 +471,9 @@ def _at_once(work: Coroutine[Any, Any, Any]) -> Any:
 
 
 PACKED = ("expansion", "arrow_size", "mcap_size", "parquet_size", "mat5")
-EVERYWHERE = ("errors", "printable", "service/clock", "service/quiet_log")
-"""What each parser's code uses and that reads nothing: how errors and log lines are worded, what time it is."""
+EVERYWHERE = ("errors", "printable", "service/clock", "service/quiet_log", "special")
+"""What each parser's code uses and that reads nothing: how errors and log lines are worded, what time it is, and what
+is asked at any import (of scipy)."""
 READING = tuple(f"reading/{name}" for name in ("documents", "files", "texts"))
 CONFIG = ("reading/config_table", "codec/registry")
 SERVICE_CONFIG = (
