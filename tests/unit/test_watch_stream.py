@@ -237,9 +237,10 @@ def test_a_state_of_another_kind_is_refused_and_what_is_said_is_a_message(
     # beside a scatter of nothing any other is infinitely more, which no message can say
     tiny = np.zeros_like(saved.arrays["noise_changed"].values())
     tiny[0] = 1.0, 1e-310, 1e-310, 1e-310
-    absurd = saved.model_copy(update={"arrays": saved.arrays | {"noise_changed": Numbers.of(tiny)}})
-    with pytest.raises(Refused, match="noise_changed: a scatter is beyond reason"):
-        a_stage(calibration, absurd)
+    for damaged, why in ((tiny, ": a scatter is beyond reason"), (np.array(1.0), " has another shape")):
+        state = saved.model_copy(update={"arrays": saved.arrays | {"noise_changed": Numbers.of(damaged)}})
+        with pytest.raises(Refused, match=f"noise_changed{why}"):
+            a_stage(calibration, state)
     del saved.arrays["bank_since"]
     with pytest.raises(Refused, match="no saved watch"):
         a_stage(calibration, saved)

@@ -123,8 +123,10 @@ class SavedWatch(Strict):
             raise ValueError("it goes on after its own time")
         arrays = {name: one.values() for name, one in self.arrays.items()}
         for name in ("noise_rests", "noise_changed"):
-            scatter = arrays.get(name, np.zeros((0, 1)))[..., 1:]
-            if ((scatter > 0.0) & (scatter < LEAST_SCATTER_G)).any():
+            values = arrays.get(name, np.zeros((0, 1)))
+            if values.ndim != 2:
+                raise ValueError(f"{name} has another shape")
+            if ((values[:, 1:] > 0.0) & (values[:, 1:] < LEAST_SCATTER_G)).any():
                 raise ValueError(f"{name}: a scatter is beyond reason")
         return WatchMemory(arrays, **self.facts.model_dump())
 
