@@ -5,7 +5,8 @@ import pytest
 
 from highside.api.diagnosis import diagnose
 from highside.api.simulation import predict
-from highside.diagnosis.laws.since_move import HeldRows, laws_since_move
+from highside.diagnosis.laws.course import HeldRows
+from highside.diagnosis.laws.since_move import laws_since_move
 from highside.diagnosis.poses.session import pose_session, rows_of_poses
 from highside.physics.forward import ForwardModel
 
@@ -30,6 +31,10 @@ def recording(seed: int, kind: str) -> tuple[dict[str, np.ndarray], np.ndarray]:
         added[1] = 4e-4 * np.exp(-since / TAU_S)
     elif kind == "decay of the load":
         added[0] = 6e-4 * load[0] * np.exp(-since / TAU_S)
+    elif kind == "there and back":
+        added[1] = 4e-4 * np.exp(-0.5 * ((since - 2.4) / 0.7) ** 2)
+    elif kind == "there and back with the load":
+        added[0] = 6e-4 * load[0] * np.exp(-0.5 * ((since - 2.4) / 0.7) ** 2)
     elif kind == "drift":
         added[2] = 4e-4 * since / since.max()
     noise = rng.normal(0, ROW_G, (3, pose.size))
@@ -37,13 +42,23 @@ def recording(seed: int, kind: str) -> tuple[dict[str, np.ndarray], np.ndarray]:
         for k in range(1, pose.size):
             if pose[k] == pose[k - 1]:
                 noise[:, k] = 0.7 * noise[:, k - 1] + np.sqrt(0.51) * noise[:, k]
+    if kind == "walk":
+        noise += np.cumsum(rng.normal(0, ROW_G, (3, pose.size)), axis=1)
     read = (np.eye(3) + rng.normal(0, 2e-3, (3, 3))) @ load + rng.normal(0, 3e-3, (3, 1)) + added + noise
     columns = {f"a{axis}_g": read[k] for k, axis in enumerate("xyz")}
     return columns | {"t_s": 30.0 * pose + since, "pose": pose * 1.0, "inc_ref_deg": inc, "tf_ref_deg": tf}, added
 
 
-@pytest.mark.parametrize(("kind", "places"), [("decay", ["offset"]), ("decay of the load", ["scale"])])
-def test_a_decay_while_poses_are_held_is_a_law_that_predicts_another_session(kind: str, places: list[str]) -> None:
+@pytest.mark.parametrize(
+    ("kind", "places"),
+    [
+        ("decay", ["offset"]),
+        ("decay of the load", ["scale"]),
+        ("there and back", ["offset"]),
+        ("there and back with the load", ["scale"]),
+    ],
+)
+def test_a_course_while_poses_are_held_is_a_law_that_predicts_another_session(kind: str, places: list[str]) -> None:
     made = diagnose(recording(1, kind)[0], MODEL)
     assert made.verdict == "law"
     assert [claim.place for claim in made.claims] == places
@@ -69,8 +84,8 @@ def test_beside_what_the_means_show_it_has_its_own_small_share() -> None:
     assert 0.001 < law < 0.1
 
 
-@pytest.mark.parametrize("kind", ["drift", "correlated", "nothing"])
-def test_a_drift_and_noise_with_memory_are_no_decay(kind: str) -> None:
+@pytest.mark.parametrize("kind", ["drift", "correlated", "walk", "nothing"])
+def test_a_drift_and_noise_with_memory_are_no_course(kind: str) -> None:
     for seed in range(4):
         columns, _ = recording(seed, kind)
         accel = np.vstack([columns[f"a{axis}_g"] for axis in "xyz"])

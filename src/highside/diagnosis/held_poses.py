@@ -17,8 +17,9 @@ from highside.diagnosis.core.problem import ReportData
 from highside.diagnosis.core.result import DiagnosisResult, Fit, Verdict
 from highside.diagnosis.law_answers import beside_laws, with_shares
 from highside.diagnosis.laws.claims import ReportedLaw, heldout_of
+from highside.diagnosis.laws.course import HeldRows
 from highside.diagnosis.laws.found import Found
-from highside.diagnosis.laws.since_move import HeldRows, laws_since_move, without_laws
+from highside.diagnosis.laws.since_move import laws_since_move, without_laws
 from highside.diagnosis.poses.session import PoseSession, rows_of_poses
 from highside.physics.forward import ForwardModel
 from highside.physics.state import ChainState

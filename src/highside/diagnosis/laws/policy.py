@@ -229,29 +229,6 @@ LAW_SEARCH = LawSearchPolicy()
 
 
 @dataclass(frozen=True)
-class LawSinceMovePolicy:
-    """Laws of the time since the last move."""
-
-    poses: int = 12
-    """Poses from which they are sought. Source: as many as a stepped session has at least."""
-    rows: int = 5
-    """Rows of each pose from which they are sought. Source: a mean, a line, a decay and one to spare, and two steps of
-    second differences at a distance of two rows."""
-    tried: int = 16
-    """Time constants tried, and as many again about the best. Source: chosen; neighbours differ by less than a third
-    in poses of up to fifty rows."""
-    shortest: float = 0.7
-    """Shortest of them, in steps from row to row. Source: chosen; half is gone in half a step."""
-    straight: float = 100.0
-    """Time constant, in lengths of a pose, of a decay that is a straight line. Source: it bends by a half per cent."""
-    least: float = 1e-9
-    """Noise of a row beside the largest reading, at least. Source: rounding."""
-
-
-LAW_SINCE_MOVE = LawSinceMovePolicy()
-
-
-@dataclass(frozen=True)
 class LawReportPolicy:
     """What is reported of a law."""
 

@@ -7,62 +7,31 @@ nothing static shows in them, so nothing is free, and what they follow is found 
 
 The time constant is that with which simple functions of the load explain most. A decay that is slower than a pose is
 held is not told from a drift and is not claimed: it must explain more than a straight line in time does.
+
+What is no decay has a free course (`laws.course`), which must predict poses that it was not learnt from better than
+the decay and the straight line do.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from highside.arrays import Array
 from highside.diagnosis.laws.chain import CHANNELS, OF_POSES, covariate_values, place_fields
-from highside.diagnosis.laws.claims import ReportedLaw, reported_laws
+from highside.diagnosis.laws.claims import ReportedLaw, curve_of, reported_laws
+from highside.diagnosis.laws.course import SINCE, Course, HeldRows, Sums, course_beyond, decay_course
 from highside.diagnosis.laws.found import Found
-from highside.diagnosis.laws.groups import LawGroup, axis_of, each_place, varying
-from highside.diagnosis.laws.policy import LAW_GROUPS, LAW_SEARCH, LAW_SINCE_MOVE
+from highside.diagnosis.laws.groups import Bases, LawGroup, axis_of, each_place, varying
+from highside.diagnosis.laws.policy import LAW_GROUPS, LAW_SEARCH
 from highside.diagnosis.laws.problem import LawProblem, fields_that_act
 from highside.diagnosis.laws.search import Search
+from highside.diagnosis.laws.since_move_policy import LAW_SINCE_MOVE
 from highside.physics.forward import ForwardModel
 from highside.physics.law import Axis, Function
 from highside.physics.state import ChainState
-
-Ints = NDArray[np.intp]
-SINCE = "time_since_move"
-
-
-@dataclass(frozen=True)
-class HeldRows:
-    """Rows of n poses: readings `accel` (3, N) in g at times `t_s` (N,), and the numbers of each pose's rows."""
-
-    accel: Array
-    t_s: Array
-    rows: Sequence[Ints]
-
-    def since(self, pose: int) -> Array:
-        """(L,) s since the first row of a pose."""
-        own = self.t_s[self.rows[pose]]
-        return np.asarray(own - own[0])
-
-
-@dataclass(frozen=True)
-class _Amplitudes:
-    """Of exp(-s / tau) in each pose: `value` (3, n) in g and `sigma` (3, n)."""
-
-    tau_s: float
-    value: Array
-    sigma: Array
-
-    def explained(self, simple: Array) -> float:
-        """Half the chi-square that simple functions (3, k, n) explain, each channel's by itself."""
-        total = 0.0
-        for value, sigma, functions in zip(self.value, self.sigma, simple, strict=True):
-            columns = (functions / sigma).T
-            fitted = columns @ np.linalg.lstsq(columns, value / sigma, rcond=None)[0]
-            total += 0.5 * float(fitted @ fitted)
-        return total
 
 
 def laws_since_move(held: HeldRows, state: ChainState, model: ForwardModel) -> tuple[list[ReportedLaw], Found] | None:
@@ -79,24 +48,27 @@ def laws_since_move(held: HeldRows, state: ChainState, model: ForwardModel) -> t
     simple = _simple(load, covariates.get("previous_load", load))
     sigma = _row_noise(held)
     tau = _time_constant(held, sigma, simple)
-    if tau is None:
+    course = None if tau is None else decay_course(tau, held.longest_s)
+    course = course_beyond(held, sigma, simple, course) or course
+    if course is None:
         return None
-    own = _amplitudes(held, sigma, tau)
+    value, power = Sums.of(held, course.axis).amplitudes(course.weights)
+    # the amplitudes are known for any time since a move: what they follow is sought with that left out
     covariates[SINCE] = np.zeros(state.n)
     names = tuple(CHANNELS)
     fields = fields_that_act(place_fields(model, state, OF_POSES, gyros=False))
-    nothing = np.empty((0, *own.value.shape))
-    problem = LawProblem(own.value, nothing, fields, covariates, own.sigma, state.t_s, channels=names, memory=False)
-    longest = max(float(held.since(k)[-1]) for k in range(len(held.rows)))
-    decay = Axis(SINCE, 0.0, longest, (Function("decay", (0.0, tau)),))
-    found = Search(problem, list(_decaying(problem, decay)), variants=False).run()
-    # what follows something else as well contains the simple decay, and is no rival of it
+    nothing, noise = np.empty((0, *value.shape)), sigma[:, None] / np.sqrt(power)
+    problem = LawProblem(value, nothing, fields, covariates, noise, state.t_s, channels=names, memory=False)
+    found = Search(problem, list(_courses(problem, course)), variants=False).run()
+    # what follows something else as well contains the simple course, and is no rival of it
     classes = tuple(
         tuple(g for g in alike if len(t.group.axes) > 1 or g is t.group or len(g.axes) == 1)
         for t, alike in zip(found.terms, found.classes, strict=True)
     )
     found = replace(found, classes=classes)
-    return (reported_laws(found, model.ids), found) if found.terms else None
+    return (
+        ([_with_course(one, found, course) for one in reported_laws(found, model.ids)], found) if found.terms else None
+    )
 
 
 def _simple(load: Array, previous: Array) -> Array:
@@ -118,14 +90,16 @@ def _row_noise(held: HeldRows) -> Array:
     return np.asarray(np.maximum(np.array(found), LAW_SINCE_MOVE.least * float(np.abs(held.accel).max())))
 
 
-def _amplitudes(held: HeldRows, sigma: Array, tau_s: float) -> _Amplitudes:
-    value, power = np.empty((len(held.accel), len(held.rows))), np.empty(len(held.rows))
-    for k, rows in enumerate(held.rows):
-        shape = np.exp(-held.since(k) / tau_s)
-        shape = shape - shape.mean()
-        power[k] = max(float(shape @ shape), np.finfo(float).tiny)
-        value[:, k] = held.accel[:, rows] @ shape / power[k]
-    return _Amplitudes(tau_s, value, sigma[:, None] / np.sqrt(power))
+def _explained(held: HeldRows, sigma: Array, simple: Array, course: Course) -> float:
+    """Half the chi-square that simple functions (3, k, n) explain of a course's amplitudes, channel by channel."""
+    values, power = Sums.of(held, course.axis).amplitudes(course.weights)
+    total = 0.0
+    for value, noise, functions in zip(values, sigma, simple, strict=True):
+        own = noise / np.sqrt(power)
+        columns = (functions / own).T
+        fitted = columns @ np.linalg.lstsq(columns, value / own, rcond=None)[0]
+        total += 0.5 * float(fitted @ fitted)
+    return total
 
 
 def _time_constant(held: HeldRows, sigma: Array, simple: Array) -> float | None:
@@ -136,7 +110,7 @@ def _time_constant(held: HeldRows, sigma: Array, simple: Array) -> float | None:
         return None
 
     def gain(tau: float) -> float:
-        return _amplitudes(held, sigma, tau).explained(simple)
+        return _explained(held, sigma, simple, decay_course(tau, held.longest_s))
 
     tried = np.geomspace(LAW_SINCE_MOVE.shortest * step, stay, LAW_SINCE_MOVE.tried)
     gains = [gain(float(tau)) for tau in tried]
@@ -147,18 +121,55 @@ def _time_constant(held: HeldRows, sigma: Array, simple: Array) -> float | None:
     return float(near[int(np.argmax([gain(float(tau)) for tau in near]))])
 
 
-def _decaying(problem: LawProblem, decay: Axis) -> Iterator[LawGroup]:
-    """Each place with an amplitude that is one number, or a smooth function of a covariate."""
+def _courses(problem: LawProblem, course: Course) -> Iterator[LawGroup]:
+    """Each place with an amplitude that is one number, one that sets in, or a smooth function of a covariate.
+
+    The course stands in the groups as a constant, as the values of the problem are its amplitudes."""
+    held = Axis(SINCE, course.axis.low, course.axis.high, (Function("one"),))
+    in_time = [axis for axis in Bases(problem).in_time if axis.sets_in]
     for units in each_place(problem.places):
-        one = np.ones((len(units), 1, problem.n))
-        yield LawGroup(units, (decay,), np.zeros(1), one)
+        yield LawGroup(units, (held,), np.zeros(1), np.ones((len(units), 1, problem.n)))
+        for step in in_time:
+            since = step.basis(problem.covariates["time"])
+            basis = np.broadcast_to(since, (len(units), *since.shape))
+            yield LawGroup(units, (held, step), np.zeros(1), basis, len(in_time))
         for name, values, distinct in varying(problem, units):
             if name in ("tf_fraction", SINCE):
                 continue
             turns = min(LAW_GROUPS.orders, max(1, distinct // 2))
             axis, order = axis_of(name, values, min(LAW_GROUPS.cosines, distinct - 1), constant=True, turns=turns)
             own = [problem.covariates[name] if problem.covariates[name].ndim == 1 else values for _ in units]
-            yield LawGroup(units, (axis, decay), order, np.stack([axis.basis(u) for u in own]))
+            yield LawGroup(units, (axis, held), order, np.stack([axis.basis(u) for u in own]))
+
+
+def _with_course(told: ReportedLaw, found: Found, course: Course) -> ReportedLaw:
+    """A law of amplitudes as the law of the rows: with the course in the place of the constant, uncertain as both are
+    to first order."""
+    law = told.law
+    place = law.depends_on.index(SINCE)
+    first = int(np.prod([len(axis.functions) for axis in law.axes[:place]]))
+
+    def spread(rows: Array, weights: Array) -> Array:
+        """(..., m) with the weights put in at their axis: (..., m K)."""
+        by_axis = rows.reshape(*rows.shape[:-1], first, 1, -1) * weights[:, None]
+        return by_axis.reshape(*rows.shape[:-1], -1)
+
+    rows = np.array(law.coefficients)
+    channels, count = rows.shape
+    every = np.kron(np.eye(channels), np.stack([spread(one, course.weights) for one in np.eye(count)]))
+    slopes = np.stack([spread(rows, one).reshape(-1) for one in np.eye(course.weights.size)])
+    covariance = every.T @ np.array(law.covariance) @ every + slopes.T @ course.covariance @ slopes
+    axes = (*law.axes[:place], course.axis, *law.axes[place + 1 :])
+    made = replace(
+        law,
+        axes=axes,
+        coefficients=tuple(tuple(map(float, row)) for row in spread(rows, course.weights)),
+        covariance=tuple(tuple(map(float, row)) for row in covariance),
+    )
+    group = next(t.group for t in found.terms if (t.group.place, t.group.axes) == (law.place, law.axes))
+    ranges = tuple((axis.low, axis.high) for axis in axes)
+    claim = replace(told.claim, law=made.to_dict(), curve=curve_of(found, group, made), range=ranges)
+    return replace(told, law=made, claim=claim)
 
 
 def without_laws(accel: Array, rows: ChainState, model: ForwardModel, laws: Sequence[ReportedLaw]) -> Array:
