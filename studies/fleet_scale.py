@@ -4,7 +4,7 @@ Half of the workers' lives are taken: while the fleet works, worker processes ar
 whole command is ended so and begun anew. What is asked: is every result there, once, and equal to the loop's; what does
 a session cost, processor time of all processes taken together, as a ratio to the loop.
 
-    python -m studies.fleet_scale --sessions 1000 --workers 2 --kills 10 --ends 2
+    python -m studies.fleet_scale --sessions 1000 --workers 2 --repeats 5 --kills 10 --ends 2
 """
 
 from __future__ import annotations
@@ -243,6 +243,7 @@ def main() -> None:
     asked.add_argument("--job", choices=[*ORDERS], default="diagnose")
     asked.add_argument("--sessions", type=int, default=1000)
     asked.add_argument("--workers", type=int, default=2)
+    asked.add_argument("--repeats", type=int, default=5)
     asked.add_argument("--kills", type=int, default=10)
     asked.add_argument("--ends", type=int, default=2)
     asked.add_argument("--seed", type=int, default=1)
@@ -258,46 +259,53 @@ def main() -> None:
 def _compare(folder: Path, given: argparse.Namespace) -> None:
     job, n, workers = given.job, given.sessions, given.workers
     paths = sessions(folder / "sessions", n, job)
-    in_loop(job, paths[:2])
-    with measured() as loop:
-        expected = in_loop(job, paths)
+    expected = in_loop(job, paths)
     assert not any(row["error"] for row in expected), expected[0]["error"]
     verdicts: dict[str, int] = {}
     for row in expected:
         verdicts[row["verdict"]] = verdicts.get(row["verdict"], 0) + 1
     print(f"{job}: {n} sessions, {workers} workers; verdicts: {verdicts}", flush=True)
-
-    def show(name: str, cost: Cost, found: list[dict[str, Any]] | None, more: str = "") -> None:
-        same = "" if found is None else f"; {sum(a == b for a, b in zip(found, expected, strict=True))} of {n} equal"
+    ways: dict[str, Callable[[Path], list[dict[str, Any]]]] = {
+        "loop": lambda _: in_loop(job, paths),
+        "multiprocessing pool": lambda _: in_pool(job, paths, workers),
+        "joblib (loky)": lambda _: in_joblib(job, paths, workers),
+        "fleet": lambda out: in_fleet(job, paths, workers, PartStore(out)),
+    }
+    shares: dict[str, list[float]] = {name: [] for name in ways}
+    loop = Cost()
+    for turn in range(given.repeats):
+        for name, way in ways.items():
+            with PeakMemory() as peak, measured() as cost:
+                found = way(folder / f"{name}-{turn}")
+            loop = cost if name == "loop" else loop
+            shares[name].append(cost.cpu_s / loop.cpu_s)
+            _show(f"{turn + 1}. {name}", cost, loop, found, expected, f"; at most {peak.mib:.0f} MiB a worker")
+    for name, ratios in shares.items():
+        said = ", ".join(f"{ratio:.2f}" for ratio in ratios)
+        print(f"{name}, CPU of the loop of its turn: {said}; median {np.median(ratios):.2f}", flush=True)
+    if given.kills:
+        out = folder / "killed"
+        with killing(given.kills, lambda: _rows(out), n, random.Random(given.seed)) as killed, measured() as cost:
+            found = in_fleet(job, paths, workers, PartStore(out))
+        told = f"; {len(killed)} workers killed, {_rows(out)} rows of {len(PartStore(out).read([]))} results"
+        _show("fleet, workers killed", cost, loop, found, expected, told)
+    if given.ends:
+        computed, there = command_ended(job, folder / "sessions", folder / "ended", workers, given.ends, n)
         print(
-            f"{name}: {1e3 * cost.cpu_s / n:.1f} ms CPU a session, {cost.cpu_s / loop.cpu_s:.2f} of the loop; "
-            f"{cost.wall_s:.0f} s, {cost.wall_s / loop.wall_s:.2f} of the loop{same}{more}",
-            flush=True,
+            f"command killed {given.ends} times: the last run computed {computed} and found {there} there; "
+            f"{_rows(folder / 'ended')} rows of {n} sessions"
         )
 
-    show("loop", loop, None)
-    with measured() as cost:
-        found = in_pool(job, paths, workers)
-    show("multiprocessing pool", cost, found)
-    with measured() as cost:
-        found = in_joblib(job, paths, workers)
-    show("joblib (loky)", cost, found)
-    with PeakMemory() as peak, measured() as cost:
-        found = in_fleet(job, paths, workers, PartStore(folder / "calm"))
-    show("fleet", cost, found, f"; at most {peak.mib:.0f} MiB a worker")
-    out = folder / "killed"
-    with killing(given.kills, lambda: _rows(out), n, random.Random(given.seed)) as killed, measured() as cost:
-        found = in_fleet(job, paths, workers, PartStore(out))
-    show(
-        "fleet, workers killed",
-        cost,
-        found,
-        f"; {len(killed)} workers killed, {_rows(out)} rows of {len(PartStore(out).read([]))} results",
-    )
-    computed, there = command_ended(job, folder / "sessions", folder / "ended", workers, given.ends, n)
+
+def _show(
+    name: str, cost: Cost, loop: Cost, found: Sequence[object], expected: Sequence[object], more: str = ""
+) -> None:
+    n = len(expected)
     print(
-        f"command killed {given.ends} times: the last run computed {computed} and found {there} there; "
-        f"{_rows(folder / 'ended')} rows of {n} sessions"
+        f"{name}: {1e3 * cost.cpu_s / n:.1f} ms CPU a session, {cost.cpu_s / loop.cpu_s:.2f} of the loop; "
+        f"{cost.wall_s:.0f} s, {cost.wall_s / loop.wall_s:.2f} of the loop; "
+        f"{sum(a == b for a, b in zip(found, expected, strict=True))} of {n} equal{more}",
+        flush=True,
     )
 
 

@@ -172,6 +172,31 @@ def test_results_that_cannot_be_written_are_no_fault_of_the_recordings(fleet: Pa
     assert not list((tmp_path / "out" / "parts").iterdir())
 
 
+@pytest.mark.parametrize("dashboard", [False, True])
+def test_nothing_is_listened_on_that_was_not_asked_for(fleet: Path, tmp_path: Path, dashboard: bool) -> None:
+    """What processes tell one another by, each on the loopback interface; a page over HTTP where it is asked for."""
+    entries = [entry for entry in catalogue_of(str(fleet / "fleet.csv")) if "warm" in entry.uri][:2]
+    before, found, pages = set(_listening(psutil.Process())), {}, []
+
+    def look(done: int, total: int, page: str) -> None:
+        if not done:
+            found["own"] = set(_listening(psutil.Process())) - before
+            for worker in _workers():
+                found[f"worker {worker.pid}"] = set(_listening(worker))
+            pages.append(page)
+
+    run(entries, Order("diagnose", MODEL), PartStore(tmp_path), workers=2, dashboard=dashboard, progress=look)
+    assert {address for places in found.values() for address, _ in places} == {"127.0.0.1"}
+    # the scheduler and who watches each worker; the workers
+    assert sorted(len(places) for places in found.values()) == [1, 1, 4 if dashboard else 3]
+    assert 8787 not in {port for places in found.values() for _, port in places}
+    assert bool(pages[0]) == dashboard
+
+
+def _listening(process: psutil.Process) -> list[tuple[str, int]]:
+    return [one.laddr[:2] for one in process.net_connections("inet") if one.status == psutil.CONN_LISTEN]
+
+
 def _workers() -> list[psutil.Process]:
     """The processes of this run's cluster that do work: copies of one."""
     return [worker for server in _servers() for worker in server.children()]

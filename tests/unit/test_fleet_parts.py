@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -10,6 +12,7 @@ import pytest
 
 from highside.errors import InputError
 from highside.fleet.catalogue import Entry
+from highside.fleet.flushed import TOGETHER
 from highside.fleet.jobs import Order, empty_row
 from highside.fleet.parts import PartStore
 from highside.fleet.policy import TASKS
@@ -101,6 +104,7 @@ import highside.fleet.run
 import highside.api.calibration
 assert not {"scipy", "highside.config.model", "highside.rotation"} & set(sys.modules)
 assert "highside.diagnosis.engine" not in sys.modules
+from highside.fleet.flushed import TOGETHER
 from highside.fleet.jobs import empty_row
 from highside.fleet.parts import PartStore
 store = PartStore(Path(sys.argv[1]))
@@ -143,3 +147,49 @@ def test_the_records_of_a_batch_are_whole_files_beside_its_part(tmp_path: Path) 
     with pytest.raises(InputError, match=r"records.*cannot be (made|written)"):
         other.write(rows)
     assert not list((tmp_path / "other" / "parts").iterdir())
+
+
+def test_a_part_has_its_name_when_its_records_are_on_the_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A loss of power leaves no part whose records are missing or half there: each is flushed before it has its name,
+    and their folder before the part has its own."""
+    store = PartStore(tmp_path)
+    happened: list[tuple[str, str]] = []
+    flush, rename = os.fsync, os.replace
+
+    def flushed(descriptor: int) -> None:
+        happened.append(("flushed", str(Path(f"/proc/self/fd/{descriptor}").readlink())))
+        flush(descriptor)
+
+    def renamed(old: str | Path, new: str | Path) -> None:
+        assert ("flushed", str(old)) in happened
+        happened.append(("renamed", str(new)))
+        rename(old, new)
+
+    monkeypatch.setattr(os, "fsync", flushed)
+    monkeypatch.setattr(os, "replace", renamed)
+    solved = empty_row("solve") | TIMES | {"record": "{}", "verdict": "done"}
+    count = 2 * TOGETHER + 3
+    store.write({f"{k}": solved | {"record_id": f"{k:064d}"} for k in range(count)})
+    names = [name for what, name in happened if what == "renamed"]
+    assert len(names) == count + 1 and Path(names[-1]).parent.name == "parts"
+    of_folder = happened.index(("flushed", str(tmp_path / "records")), happened.index(("renamed", names[-2])))
+    assert of_folder < happened.index(("renamed", names[-1]))
+    assert len({path.name for path in (tmp_path / "records").iterdir()}) == count
+
+
+def test_records_that_find_no_room_leave_nothing_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    store = PartStore(tmp_path)
+    solved = empty_row("solve") | TIMES | {"record": "{}", "verdict": "done"}
+    write, written = os.write, []
+
+    def full(descriptor: int, data: bytes) -> int:
+        written.append(descriptor)
+        if len(written) == 3:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return write(descriptor, data)
+
+    monkeypatch.setattr(os, "write", full)
+    with pytest.raises(InputError, match=r"records: cannot be written: No space left"):
+        store.write({k: solved | {"record_id": k * 64} for k in "abcd"})
+    assert not list((tmp_path / "records").iterdir()) and not list((tmp_path / "parts").iterdir())
+    assert not store.has("a")

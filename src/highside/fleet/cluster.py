@@ -20,7 +20,7 @@ from highside.fleet.policy import TASKS
 
 __all__ = ["cluster_client"]
 
-SETTINGS = {
+SETTINGS: dict[str, Any] = {
     # what a process that died was working on is given out by us; the scheduler need not try it on others first
     "distributed.scheduler.allowed-failures": 0,
     "distributed.worker.daemon": False,
@@ -31,9 +31,27 @@ SETTINGS = {
     "distributed.admin.tick.interval": "1s",
     "distributed.admin.system-monitor.interval": "2s",
     "distributed.worker.memory.monitor-interval": "500ms",
+    "distributed.scheduler.work-stealing-interval": "1s",
+    "distributed.scheduler.active-memory-manager.start": False,
+    # dask's own gives the heap back to the kernel from 64 KiB on, and each recording asks for it again: 4 to 6 % of a
+    # solution (1,000 sessions)
+    "distributed.nanny.pre-spawn-environ": dict.fromkeys(
+        ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"), 1
+    ),
+    # pages over HTTP, see `local_nodes`; what answers them is not imported then
+    "distributed.worker.http.routes": [],
 }
-MODULES = ("distributed", "highside.fleet.run", "pyarrow.parquet")
+WITHOUT_PAGES: dict[str, Any] = {"distributed.scheduler.http.routes": []}
+MODULES = (
+    "highside.fleet.copied",
+    "distributed",
+    "highside.fleet.local_nodes",
+    "highside.fleet.run",
+    "pyarrow.parquet",
+)
 """what every process needs"""
+SILENT = 50
+"""level of logging at and above which dask's messages are shown: those of what ends it"""
 
 
 @contextmanager
@@ -47,10 +65,13 @@ def cluster_client(
 ) -> Iterator[Any]:
     """A client of `workers` processes of this machine that have imported `modules` too, ended with it, or of the
     cluster at an address, which `option` gave. `dashboard`: dask's page of what the processes of this machine do, on a
-    port of its own. Raises InputError where dask.distributed is missing or the cluster cannot be reached."""
+    port of its own; without it nothing is listened on but what they tell one another by, and all of it on the loopback
+    interface. Raises InputError where dask.distributed is missing or the cluster cannot be reached."""
     try:
         import dask
-        from distributed import Client, LocalCluster
+        from distributed import Client, SpecCluster
+
+        from highside.fleet.local_nodes import scheduler_of, worker_of
     except ImportError:
         raise InputError("a fleet needs dask.distributed, which is not installed", remedy=INSTALL) from None
     with dask.config.set(SETTINGS):
@@ -63,15 +84,15 @@ def cluster_client(
                 yield client
             return
         count = workers or os.cpu_count() or 1
+        worker = worker_of(count)
         with (
+            dask.config.set({} if dashboard else WITHOUT_PAGES),
             _copies_of_one((*MODULES, *modules)),
-            LocalCluster(
-                n_workers=count,
-                threads_per_worker=1,
-                processes=True,
-                dashboard_address="127.0.0.1:0" if dashboard else None,
-                host="127.0.0.1",
-                silence_logs=50,
+            SpecCluster(
+                scheduler=scheduler_of(dashboard=dashboard),
+                worker=worker,
+                workers=dict.fromkeys(range(count), worker),
+                silence_logs=SILENT,
             ) as cluster,
             Client(cluster) as client,
             _kept_up(cluster, count),

@@ -7,7 +7,9 @@ when it is done: a process of a fleet does one, and takes as long to import all 
 
 from __future__ import annotations
 
+import importlib
 import json
+import pkgutil
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -133,12 +135,22 @@ def _drift(order: Order, path: Path) -> dict[str, Any]:
     return {"verdict": "done", "rows": int(made.result.t_s.size), "basis": made.basis, "last": json.dumps(last)}
 
 
-MODULES_OF: Mapping[str, tuple[str, ...]] = {
-    "diagnose": ("highside.api.diagnosis", "highside.reading.row_groups", "highside.recording.long"),
-    "solve": ("highside.api.calibration", "highside.calibration.methods.joint"),
-    "drift": ("highside.api.gyro",),
-}
-"""what a process imports before its first recording"""
+def modules_of(job: str) -> list[str]:
+    """What a process of that job would import with its first recording: 0.07 s of a solution. What other packages add
+    is not among it: it might begin threads, which no copy of a process has."""
+    own = {
+        "diagnose": ["highside.api.diagnosis", "highside.reading.row_groups", "highside.recording.long"],
+        "solve": ["highside.api.calibration", "_strptime", *_all_in("highside.calibration.methods")],
+        "drift": ["highside.api.gyro"],
+    }[job]
+    sensors = [] if job == "drift" else [*_all_in("highside.physics.effects"), "numpy.ma", "numpy.polynomial"]
+    return [*own, *sensors, "encodings.utf_8_sig"]
+
+
+def _all_in(package: str) -> list[str]:
+    return [f"{package}.{module.name}" for module in pkgutil.iter_modules(importlib.import_module(package).__path__)]
+
+
 JOBS: Mapping[str, Callable[[Order, Path], dict[str, Any]]] = {"diagnose": _diagnose, "solve": _solve, "drift": _drift}
 
 

@@ -20,10 +20,11 @@ from typing import Any, Self
 from highside.errors import InputError
 from highside.fleet.catalogue import Entry
 from highside.fleet.columns import table_of, table_of_texts
+from highside.fleet.flushed import write_records
 from highside.reading import read_bytes
 from highside.reading.columnar import PARQUET_MAGIC
 from highside.reading.files import open_file
-from highside.recording.files import make_directory, write_together, write_whole
+from highside.recording.files import make_directory, write_whole
 
 __all__ = ["DAMAGED", "PartStore", "content_digest", "key_of"]
 
@@ -103,9 +104,7 @@ class PartStore:
             return
         done = [row for row in rows.values() if row.get("record") and row["verdict"] == "done"]
         if done:
-            write_together(
-                self.folder / "records", {f"{row['record_id']}.json": row["record"].encode() for row in done}
-            )
+            write_records(self.folder / "records", {f"{row['record_id']}.json": row["record"].encode() for row in done})
         (name, *more) = sorted(rows)
         if more:
             name = SEVERAL + hashlib.sha256("".join([name, *more]).encode()).hexdigest()

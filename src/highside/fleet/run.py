@@ -21,7 +21,7 @@ from typing import Any
 from highside.errors import HighsideError, InputError
 from highside.fleet.catalogue import Entry
 from highside.fleet.cluster import cluster_client
-from highside.fleet.jobs import MODULES_OF, Order, empty_row, row_of
+from highside.fleet.jobs import Order, empty_row, modules_of, row_of
 from highside.fleet.parts import PartStore, content_digest, key_of
 from highside.fleet.policy import TASKS
 from highside.reading import read_document
@@ -83,7 +83,7 @@ def run(
     costs = [TASKS.seconds_of(order.job, _size_of(entry)) for entry in entries]
     processes = workers or os.cpu_count() or 1
     watched = sum(costs) > TASKS.watched_s * processes if dashboard is None else dashboard
-    with cluster_client(processes, scheduler, MODULES_OF[order.job], dashboard=watched) as client:
+    with cluster_client(processes, scheduler, modules_of(order.job), dashboard=watched) as client:
         from distributed import as_completed
 
         page = str(client.dashboard_link or "") if watched or scheduler is not None else ""
