@@ -71,7 +71,7 @@ class Onsets:
 
     def __init__(self, problem: LawProblem, whitener: Whitener, residual: Array) -> None:
         self.problem, self.bases = problem, lasting(problem)
-        self.knots = onset_knots(problem.t_s, ONSETS.values)
+        self.knots = onset_knots(problem.t_s, ONSETS.values, ONSETS.before)
         self._numbers = {(*base.kind[:2], base.axes): i for i, base in enumerate(self.bases)}
         self._whitener, self._residual = whitener, whitener.white(residual[None])
         self._free = whitener.white(problem.free)

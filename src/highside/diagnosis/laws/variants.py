@@ -78,11 +78,11 @@ def as_simple(group: LawGroup, other: LawGroup) -> bool:
     return len(other.axes) <= len(group.axes) and other.size <= group.size
 
 
-def onset_knots(t_s: Array, values: int = LAW_GROUPS.onset_values) -> Array:
-    """Times between values at which something may set in, with so many values on either side."""
+def onset_knots(t_s: Array, values: int = LAW_GROUPS.onset_values, before: int | None = None) -> Array:
+    """Times between values at which something may set in, with so many values after it, and that many or `before`."""
     t = np.unique(t_s - t_s[:1])
     middle = (t[1:] + t[:-1]) / 2
-    inner = middle[values - 1 : middle.size - values + 1]
+    inner = middle[(values if before is None else before) - 1 : middle.size - values + 1]
     if not inner.size:
         return inner
     return np.asarray(inner[np.unique(np.linspace(0, inner.size - 1, LAW_GROUPS.steps).astype(int))])
