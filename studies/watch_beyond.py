@@ -80,6 +80,8 @@ class Look:
     truth_in_class: bool
     size_right: bool
     """the likeliest is what happened, and the interval of its size holds that"""
+    truth_held: bool
+    """the interval of the size of what happened, wherever in the class it stands"""
     held: int
     """of the intervals of the twelve parameters"""
     worst: float
@@ -99,6 +101,7 @@ def look(said: WatchResult, well: Well, steps: Sequence[Departure]) -> Look:
         len(claim.equivalence_class) == 1,
         any(name in claim.equivalence_class for name in sizes),
         size.low <= sizes.get(claim.parameter, np.inf) <= size.high,
+        any(one.low <= sizes.get(name, np.inf) <= one.high for name, one in claim.parameters.items()),
         int(np.sum(np.array(z) < 1.96)),
         float(np.max(z)),
     )
@@ -134,10 +137,11 @@ def print_stepped(count: int, wells: int, first_seed: int) -> None:
         alone = [one for one in plain if one.alone]
         held, of = sum(one.held for one in plain), CALIBRATION * len(plain)
         right = share(sum(one.size_right for one in plain), len(plain))
+        inside = share(sum(one.truth_held for one in plain), len(plain))
         print(
             f"  {lag:g} h after the alarm: a second departure said {share(len(at) - len(plain), len(at))}; of the"
             f" others truth in the class {share(sum(one.truth_in_class for one in plain), len(plain))}, likeliest true"
-            f" and its size in the interval {right}, one name alone"
+            f" and its size in the interval {right}, what happened in the interval of its size {inside}, one name alone"
             f" {len(alone)}, that wrong {sum(not one.size_right for one in alone)}; intervals of the parameters hold"
             f" {100 * held / max(of, 1):.1f} % of {of}, the worst {max([one.worst for one in plain], default=0):.0f}"
             " standard deviations off",

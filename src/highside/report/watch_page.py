@@ -50,7 +50,7 @@ def headline(found: WatchResult) -> str:
 
 def claim_words(claim: WatchClaim) -> str:
     """A departure in one line: class, size of its likeliest, since when, and what it does."""
-    ((name, size),) = claim.parameters.items()
+    name, size = next(iter(claim.parameters.items()))
     factor, unit = (1e3, f"m{size.unit}") if size.unit.startswith("g") else (1.0, size.unit)
     if name == "length":
         return _(

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highside.arrays import Array
+from highside.watch.mixture import Mixture
 from highside.watch.parameters import AXES, GRAVITY, INDEX, KT, KV, MATRIX, OFFSETS, SIZE, S
 from highside.watch.policy import WatchPolicy
 
@@ -123,8 +124,6 @@ class Scored:
     size: float
     std: float
     since_s: float
-    left: Array
-    """(N,) mean error of the filter for a size of one: what it has not followed yet"""
     squares: float
     """of the whitened innovations since then, less what it explains of them"""
     numbers: int
@@ -134,10 +133,6 @@ class Scored:
         """Whether what it leaves is more than noise as it was expected."""
         chance = policy.left_sigmas * np.sqrt(2.0 * self.numbers)
         return self.numbers > 0 and self.squares > policy.left_ratio * self.numbers + chance
-
-    def corrected(self, state: Array, covariance: Array) -> tuple[Array, Array]:
-        """State and covariance if this is what happened. The filter alone spreads a step over all it may be."""
-        return state + self.left * self.size, covariance + np.outer(self.left, self.left) * self.std**2
 
 
 class Bank:
@@ -276,7 +271,6 @@ class Bank:
             at = int(own[np.argmax(ratio[own])])
             if ratio[at] > 0.0:
                 std = float(1.0 / np.sqrt(self._information[at]))
-                left = self._D[:, at].copy()
                 squares, numbers = self._all[:, at]
                 out.append(
                     Scored(
@@ -285,12 +279,28 @@ class Bank:
                         size=float(size[at]),
                         std=std,
                         since_s=float(self._since[at]),
-                        left=left,
                         squares=float(squares - ratio[at]),
                         numbers=int(numbers),
                     )
                 )
         return sorted(out, key=lambda one: -one.ratio)
+
+    def mixture(self) -> Mixture | None:
+        """All hypotheses and onsets by their likelihood; None where none of a reasonable size explains anything."""
+        ratio, size = self._ratios()
+        std = 1.0 / np.sqrt(np.maximum(self._information, 1e-300))
+        return Mixture.of_columns(self._of, self._spans(), ratio, size, std, self._D)
+
+    def _spans(self) -> Array:
+        """Of each column the share of the watch's time in which what it says may have begun: a step is seen at the first
+        onset after it; what came before the watch is taken for as likely as in one such span."""
+        onsets = self._since[self._first :: self._new_of.size]
+        spans = np.ones(self._first + self._new_of.size * onsets.size)
+        steps = np.diff(onsets)
+        if steps.size and (steps > 0.0).all():
+            each = np.concatenate([[np.median(steps)], steps])
+            spans[self._first :] = np.repeat(each / each.sum(), self._new_of.size)
+        return spans
 
     def largest(self) -> float:
         """Twice the log-likelihood ratio of the best."""

@@ -7,12 +7,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from highside.arrays import Array
-from highside.watch.bank import Scored
+from highside.watch.bank import HYPOTHESES, Scored
 from highside.watch.broken import broken_axis
+from highside.watch.mixture import Mixture
 from highside.watch.policy import WatchPolicy
 from highside.watch.result import Size, WatchClaim
 
-__all__ = ["SECOND", "broken", "size_of", "unexplained"]
+__all__ = ["SECOND", "broken", "sizes_of", "unexplained"]
 
 SECOND = "a second departure"
 """in a class: the likeliest departure is not all that happened"""
@@ -20,11 +21,15 @@ INTERVAL = 1.96
 """standard deviations of a 95 % interval"""
 
 
-def size_of(scored: Scored, grown: float) -> Size:
-    """With its interval; `grown`: how much wider its standard deviation stands than the bank has it."""
-    std = grown * scored.std
-    half = INTERVAL * std
-    return Size(scored.size, std, scored.size - half, scored.size + half, scored.hypothesis.unit)
+def sizes_of(alike: Sequence[Scored], mixture: Mixture, grown: float) -> dict[str, Size]:
+    """Of each of a class, if it is what happened, over all its onsets; `grown`: how much wider standard deviations stand
+    than the bank has them."""
+    out = {}
+    for one in alike:
+        size, std = mixture.size_of(HYPOTHESES.index(one.hypothesis)) or (one.size, one.std)
+        half = INTERVAL * grown * std
+        out[one.hypothesis.name] = Size(size, grown * std, size - half, size + half, one.hypothesis.unit)
+    return out
 
 
 def unexplained(

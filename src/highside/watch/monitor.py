@@ -16,7 +16,7 @@ from highside.arrays import Array
 from highside.watch.axis_noise import AxisNoise
 from highside.watch.bank import Bank, Filter, Scored
 from highside.watch.broken import AT_REST
-from highside.watch.claims import SECOND, broken, size_of, unexplained
+from highside.watch.claims import SECOND, broken, sizes_of, unexplained
 from highside.watch.hold import Hold, noise_evidence, rests_of
 from highside.watch.measurement import Still, Surroundings, Turning, linear_still, linear_turning
 from highside.watch.memory import TRACE_WIDTH, WatchMemory, checked
@@ -385,10 +385,10 @@ class Watch:
         return not self._undecided() and unseen is not None and max(unseen.inc_deg, unseen.tf_sin_inc_deg) < most
 
     def _believed(self) -> tuple[Array, Array]:
-        """State and covariance: the filter's, and once something departs those with the likeliest departure."""
+        """State and covariance: the filter's, and once something departs those with all that may have departed."""
         state, covariance = self._filter.state, self._filter.covariance
-        likeliest = self._likeliest()
-        return (state, covariance) if likeliest is None else likeliest.corrected(state, covariance)
+        mixture = None if self._alarm_s is None else self._bank.mixture()
+        return (state, covariance) if mixture is None else mixture.corrected(state, covariance)
 
     def _likeliest(self) -> Scored | None:
         """Of what departs; None where nothing does, or no hypothesis of a reasonable size explains it any more."""
@@ -411,13 +411,14 @@ class Watch:
         }
 
     def _departs(self, inc: float, tf: float | None, alarm_s: float) -> WatchClaim:
-        scored = self._bank.best()
-        if not scored:
+        scored, mixture = self._bank.best(), self._bank.mixture()
+        if not scored or mixture is None:
             # what was a departure of a small parameter needs more by now than any may have
             least = self._policy.largest
             return unexplained("deviation", Size(least, 0.0, least, least, "g"), ("no small error",), alarm_s, alarm_s)
         best = scored[0]
-        alike = [one.hypothesis.name for one in scored if one.ratio >= best.ratio - self._policy.same_class]
+        near = [one for one in scored if one.ratio >= best.ratio - self._policy.same_class]
+        alike = [one.hypothesis.name for one in near]
         low, high = self._bank.onsets_of(best, self._policy.same_class)
         # what began after the alarm did not raise it; what was just taken for noise may be part of what departs
         if low > alarm_s or best.leaves_more(self._policy) or self._level.jumps:
@@ -425,7 +426,7 @@ class Watch:
         return WatchClaim(
             effect=best.hypothesis.effect,
             parameter=best.hypothesis.name,
-            parameters={best.hypothesis.name: size_of(best, self._grown())},
+            parameters=sizes_of(near, mixture, self._grown()),
             equivalence_class=tuple(alike),
             since_s=best.since_s,
             since_low_s=low,

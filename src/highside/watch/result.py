@@ -57,7 +57,7 @@ class WatchClaim:
     """of the library of effects, of the likeliest"""
     parameter: str
     parameters: dict[str, Size]
-    """of the likeliest"""
+    """of each of the class its size, if it is what happened; the likeliest first"""
     equivalence_class: tuple[str, ...]
     since_s: float
     since_low_s: float
