@@ -25,7 +25,8 @@ from highside.watch.claims import SECOND
 from highside.watch.measurement import Surroundings, linear_still, linear_turning
 from highside.watch.parameters import INDEX, SIZE, prior
 from highside.watch.proposal import WatchOutcome, propose, read_outcome
-from studies.watch_wells import Conditions, departing, quiet
+from studies.watch_beyond import stepped
+from studies.watch_wells import BUILDS, Conditions, departing, quiet
 
 AROUND = Surroundings(0.0, 0.0, 0.0)
 
@@ -447,3 +448,47 @@ def test_a_reading_with_an_absurd_temperature_is_left_out_and_counted(temp_c: fl
     said = watch.result()
     assert (said.counts.stills, said.counts.left_out) == (1, {"temperature is none of a tool": 1})
     assert np.isfinite(said.covariance).all()
+
+
+def test_what_departs_is_stated_for_all_that_it_may_be() -> None:
+    """At the alarm most departures are a class of several: parameters and sizes must hold what happened whichever of
+    them it was."""
+    looks = [one[0] for seed in range(97_000_000, 97_000_012) if (one := stepped(BUILDS[seed % 2], seed, 1))]
+    assert len(looks) > 8
+    assert sum(one.alone for one in looks) < len(looks) / 2
+    assert max(one.worst for one in looks) < 5.0
+    assert sum(one.held for one in looks) > 0.92 * 12 * len(looks)
+    assert sum(one.truth_held for one in looks) >= len(looks) - 2
+
+
+def test_of_a_class_each_has_a_size_and_the_likeliest_comes_first() -> None:
+    watch, rng = Watch(a_prior()), np.random.default_rng(3)
+    for k in range(30):
+        f = np.array([np.sin(0.5) * np.cos(k), np.sin(0.5) * np.sin(k), np.cos(0.5)])
+        watch.still(Still(1800.0 * k, f + np.array([0.0, 0.0, 1e-3 * (k > 12)]) + 1e-5 * rng.standard_normal(3), 1e-6))
+    (claim,) = watch.result().claims
+    assert {"b_z", "S_zz"} <= set(claim.equivalence_class)
+    assert list(claim.parameters) == [name for name in claim.equivalence_class if name != SECOND]
+    assert next(iter(claim.parameters)) == claim.parameter
+    assert claim.parameters["b_z"].low < 1e-3 < claim.parameters["b_z"].high
+    assert claim.parameters["S_zz"].low < 1e-3 / np.cos(0.5) < claim.parameters["S_zz"].high
+    b_z = watch.result().parameters["b_z"]
+    assert abs(b_z.value - 1e-3) < 1.96 * b_z.std
+    assert b_z.std > 5.0 * claim.parameters["b_z"].std
+
+
+def test_the_onset_of_a_large_step_is_kept() -> None:
+    """Others that close to one another are thinned after an hour."""
+    bank, one = Bank(POLICY), Filter(np.zeros(SIZE), np.eye(SIZE) * 1e-8, np.zeros((SIZE, SIZE)))
+    rng = np.random.default_rng(1)
+    for k in range(200):
+        bank.begin(300.0 * k)
+        f = rng.standard_normal(3)
+        f /= np.linalg.norm(f)
+        H = np.zeros((1, SIZE))
+        H[0, :3] = f / 1e-5
+        bank.take(one.take(H @ np.eye(SIZE)[0] * 2e-3 * (k >= 101) + rng.standard_normal(1), H))
+    onsets = np.unique(bank.memory()["since"])
+    assert onsets.size < 150
+    assert {300.0 * 100, 300.0 * 101, 300.0 * 102} & set(onsets) >= {300.0 * 101}
+    assert bank.best()[0].since_s == 300.0 * 101

@@ -191,10 +191,18 @@ class Bank:
             setattr(self, name, np.concatenate([held, new], axis=-1))
 
     def _leaving(self, t_s: float) -> int | None:
-        """Which onset makes room for one at `t_s`; never the first, which is that of the watch."""
+        """Which onset makes room for one at `t_s`; never the first, which is that of the watch, nor one at which what
+        departs may have begun: a large step that lacks its own onset is read with a wrong size at the one beside it."""
         onsets, policy = self._since[self._first :: self._new_of.size], self._policy
         close = np.diff(onsets) < policy.onset_s
-        old = np.flatnonzero(close & (onsets[1:] < t_s - policy.recent_s))
+        old = close & (onsets[1:] < t_s - policy.recent_s)
+        if old.any():
+            ratio = self._ratios()[0]
+            best = ratio.max()
+            if best > policy.threshold:
+                likeliest = ratio[self._first :].reshape(onsets.size, -1).max(axis=1)
+                old &= likeliest[1:] < best - 2.0 * policy.same_class
+        old = np.flatnonzero(old)
         if old.size:
             return int(old[0]) + 1
         return 1 if onsets.size >= policy.most_onsets else None
