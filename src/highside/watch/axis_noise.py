@@ -21,7 +21,7 @@ from highside.arrays import Array
 from highside.watch.policy import WatchPolicy
 from highside.watch.result import NoiseChange
 
-__all__ = ["KINDS", "AxisNoise", "scatters"]
+__all__ = ["KINDS", "AxisNoise", "block_means", "scatters"]
 
 KINDS = (("reading_noise", "single readings"), ("coloured_noise", "means of two seconds"))
 """effect of the library, and of what it is the scatter: the rows of `Still.scatter_g`"""
@@ -36,14 +36,19 @@ _LOW, _MIDDLE, _HIGH = range(1, 4)
 def scatters(t_s: Array, c: Array) -> Array:
     """(2, 3) g: standard deviation of a reading, and of a mean of two seconds, of readings (3, K) of a rest at `t_s`
     (K,), by the differences of neighbours. NaN where there are fewer than three of either."""
-    step = float(np.median(np.diff(t_s))) if t_s.size > 1 else SLOW_S
     out = []
-    for width in (1, max(1, round(SLOW_S / max(step, 1e-9)))):
-        blocks = c.shape[1] // width
-        means = c[:, : blocks * width].reshape(3, blocks, width).mean(axis=2)
+    for means in (c, block_means(t_s, c)):
         steps = np.diff(means, axis=1)
-        out.append(np.sqrt(np.mean(steps**2, axis=1) / 2.0) if blocks > 2 else np.full(3, np.nan))
+        out.append(np.sqrt(np.mean(steps**2, axis=1) / 2.0) if means.shape[1] > 2 else np.full(3, np.nan))
     return np.array(out)
+
+
+def block_means(t_s: Array, c: Array) -> Array:
+    """(3, B) means over two seconds of readings (3, K) at `t_s` (K,)."""
+    step = float(np.median(np.diff(t_s))) if t_s.size > 1 else SLOW_S
+    width = max(1, round(SLOW_S / max(step, 1e-9)))
+    blocks = c.shape[1] // width
+    return np.asarray(c[:, : blocks * width].reshape(3, blocks, width).mean(axis=2))
 
 
 class AxisNoise:

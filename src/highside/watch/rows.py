@@ -16,12 +16,12 @@ from scipy.ndimage import uniform_filter1d
 from highside.arrays import Array
 from highside.calibration.still_intervals import find_still_intervals
 from highside.errors import InputError
-from highside.watch.axis_noise import scatters
+from highside.watch.axis_noise import block_means, scatters
 from highside.watch.measurement import Still, Turning
 from highside.watch.monitor import Watch
 from highside.watch.turning import TURNING, Left, TurningRows, fit_turning
 
-__all__ = ["REST", "Calmest", "Rows", "feed", "stills", "turnings"]
+__all__ = ["REST", "Calmest", "Rows", "feed", "stills", "turnings", "wanders"]
 
 Indices = NDArray[np.intp]
 
@@ -50,6 +50,14 @@ class RestPolicy:
     moving: float = 30.0
     """scatter of means of two seconds, in units of that in the other rests of a recording, from which the tool moves: a
     turn of 0.1 deg/s makes 3 mg of them, where a good tool at rest has 0.05 mg"""
+    bends_g: float = 1e-5
+    """by which a direction that wanders within a rest shortens its mean, from which it is none: the floor of a good
+    tool's still. A toolface that moves by 1 deg within a rest at 45 deg makes 6 ug, by 5 deg 0.16 mg; 1/f noise of
+    0.3 mg makes 0.05 ug"""
+    fewest_blocks: int = 5
+    """means of two seconds that this is judged by"""
+    bends_sigmas: float = 4.0
+    """standard deviations by which that must be more than what the readings' own noise makes of it"""
 
 
 REST = RestPolicy()
@@ -139,6 +147,8 @@ def stills(rows: Rows, leave_out: Callable[[str], None], rests: Sequence[Indices
                 leave_out("rest too short")
             elif rows.rate_radps is not None and _turns(rows.rate_radps[:, piece]):
                 leave_out("rest in which the gyros turn")
+            elif wanders(rows.t_s[piece], rows.c[:, piece]):
+                leave_out("rest in which the tool moves slowly")
             else:
                 yield _still(rows, piece)
 
@@ -159,6 +169,8 @@ def noisy_stills(rows: Rows, rests: Sequence[Indices], calm: Sequence[Still]) ->
                 lasts = float(rows.t_s[rest[-1]] - rows.t_s[rest[0]])
                 if lasts < REST.shortest_s or (rows.rate_radps is not None and _turns(rows.rate_radps[:, rest])):
                     continue
+                if wanders(rows.t_s[rest], rows.c[:, rest]):
+                    continue
                 still = _still(rows, rest)
                 if still.scatter_g is not None and (still.scatter_g[1] <= limit).all():
                     yield still
@@ -178,6 +190,24 @@ def _rests(rows: Rows, start: int, stop: int) -> list[Indices]:
 def _turns(rate_radps: Array) -> bool:
     """Whether the mean rate (3, K) is more than a bias of the gyros."""
     return bool(np.degrees(np.linalg.norm(np.nanmean(rate_radps, axis=1))) > REST.rate_dps)
+
+
+def wanders(t_s: Array, c: Array) -> bool:
+    """Whether the direction of readings (3, K) moves slowly, so that their mean is shorter than gravity: by half the
+    variance of its angle. Of means of two seconds that is what their variance across gravity is more than that of
+    neighbours, which noise that is white between them makes alike (von Neumann's ratio, whose variance is 1 / n)."""
+    means = block_means(t_s, c)
+    n = means.shape[1]
+    if n < REST.fewest_blocks:
+        return False
+    f = means.mean(axis=1)
+    f = f / np.linalg.norm(f)
+    across = means - np.outer(f, f @ means)
+    apart = across - across.mean(axis=1, keepdims=True)
+    whole = float(np.sum(apart**2)) / (n - 1)
+    of_neighbours = float(np.sum(np.diff(across, axis=1) ** 2)) / (2.0 * (n - 1))
+    chance = REST.bends_sigmas * of_neighbours / np.sqrt(n)
+    return bool(0.5 * (whole - of_neighbours - chance) > REST.bends_g)
 
 
 def _still(rows: Rows, piece: Indices) -> Still:
