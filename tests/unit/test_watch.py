@@ -26,7 +26,7 @@ from highside.watch.measurement import Surroundings, linear_still, linear_turnin
 from highside.watch.parameters import INDEX, SIZE, prior
 from highside.watch.proposal import WatchOutcome, propose, read_outcome
 from studies.watch_beyond import stepped
-from studies.watch_wells import BUILDS, Conditions, departing, quiet
+from studies.watch_wells import BUILDS, Conditions, Well, departing, quiet
 
 AROUND = Surroundings(0.0, 0.0, 0.0)
 
@@ -492,3 +492,79 @@ def test_the_onset_of_a_large_step_is_kept() -> None:
     assert onsets.size < 150
     assert {300.0 * 100, 300.0 * 101, 300.0 * 102} & set(onsets) >= {300.0 * 101}
     assert bank.best()[0].since_s == 300.0 * 101
+
+
+def holding(stands: int = 40) -> Watch:
+    """Of a tool that is what its record says, in a hole that builds."""
+    well, watch = Well("J", 31, Conditions(hours=20.0)), Watch(a_prior())
+    while watch.result().counts.stills < stands:
+        well.stand(watch)
+    assert watch.result().verdict == "holds"
+    return watch
+
+
+def test_a_verdict_has_an_age_and_nothing_old_is_said_to_hold() -> None:
+    watch = holding()
+    last_s = watch.result().measured_s
+    assert last_s is not None
+    young, old = watch.result(last_s + 3600.0), watch.result(last_s + 5.5 * 3600.0)
+    assert (young.verdict, young.age_s, young.stale) == ("holds", pytest.approx(3600.0), False)
+    assert (old.verdict, old.age_s, old.stale) == ("learning", pytest.approx(5.5 * 3600.0), True)
+    assert old.advice[0].startswith("for 5.5 h no rest and no rotation could be used")
+    assert "go on" not in old.advice
+    assert Watch(a_prior()).result(1e6).measured_s is None
+
+
+def test_what_no_hole_shows_is_always_said_with_its_size() -> None:
+    """A triad turned in the tool: `still_unseen` is of what can be seen."""
+    for said in (holding().result(), Watch(a_prior()).result()):
+        assert [one.parameter for one in said.not_observable].count("S_xy-S_yx") == 1
+    said = holding().result()
+    assert said.still_unseen is not None
+    assert said.never_seen is not None
+    assert said.inclination_deg is not None
+    # 0.1 mg/g of each of S_xy and S_yx: of their half difference 0.071 mrad, beside the record's own
+    sine = np.sin(np.radians(said.inclination_deg))
+    assert said.never_seen.tf_sin_inc_deg >= 3.0 * np.degrees(1e-4 / np.sqrt(2.0)) * sine
+    assert said.never_seen.inc_deg == pytest.approx(3.0 * np.degrees(1e-4 / np.sqrt(2.0)), rel=0.02)
+    assert sum("toolface zero" in line for line in said.advice) == 1
+    assert f"{said.never_seen.tf_sin_inc_deg:.2g} deg of toolface" in said.advice[1]
+
+
+def test_an_alarm_that_later_measurements_speak_against_is_taken_back() -> None:
+    """A bent collar is read as a misalignment until it is learned; a step stays, and so does one that came back."""
+    well, watch = Well("S", 82_000_005, Conditions()), Watch(a_prior())
+    well.truth[INDEX["S_xz"]] += 3e-3
+    well.truth[INDEX["S_zx"]] -= 3e-3
+    alarms = set()
+    while well.t_s < 40 * 3600.0:
+        well.stand(watch)
+        alarms.add(watch.alarm_s)
+    assert len(alarms - {None}) == 1
+    said = watch.result()
+    assert not said.claims
+    assert said.taken_back is not None
+    assert said.taken_back.alarm_s in alarms
+    assert any("was taken back" in line for line in said.advice)
+    again = Watch(a_prior())
+    again.recall(watch.memory())
+    assert again.result().taken_back == said.taken_back
+    memory = watch.memory()
+    memory.arrays["taken_back"][0, 1] = 1e9
+    with pytest.raises(ValueError, match="taken_back"):
+        again.recall(memory)
+
+
+def test_one_reading_that_is_not_gravity_does_not_fit_and_nothing_holds_by_it() -> None:
+    watch = holding()
+    last_s = watch.result().measured_s
+    assert last_s is not None
+    watch.still(Still(last_s + 600.0, np.array([0.0, 0.6, 0.8]) * 1.06, 1e-6, 25.0))
+    said = watch.result()
+    assert said.verdict == "learning"
+    assert said.advice[0].startswith("the last reading does not fit: its length is +60 mg from gravity's")
+    # one that fits tells it for a shock; a second one that does not, for a broken axis
+    other = Watch(a_prior())
+    other.recall(watch.memory())
+    other.still(Still(last_s + 1200.0, np.array([0.0, 0.6, 0.8]) * 1.06, 1e-6, 25.0))
+    assert other.result().verdict == "departs"

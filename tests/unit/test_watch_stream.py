@@ -23,12 +23,16 @@ from highside.errors import InputError, Refused
 from highside.recording.calibration_store import CalibrationStore
 from highside.service.pipeline import Pipeline
 from highside.service.saved_watch import Numbers, SavedWatch
-from highside.service.watch_keeper import message
+from highside.service.watch_said import message
 from highside.service.watch_stage import Watched, WatchStage
 from highside.watch import POLICY, STATED, Still, Watch, WatchResult, prior_of_record
 from highside.watch.live import LiveRows, LiveWatch, Stretch
 from highside.watch.proposal import propose, read_outcome
+from highside.watch.rows import wanders
 from highside.watch.turning import TurningRows, fit_turning, mean_span
+from studies.survey_analysis import calibration as calibration_of_surveys
+from studies.watch_beyond import sliding
+from studies.watch_noise import streamed
 
 AXES, RATES = ("ax_g", "ay_g", "az_g"), ("gx_dps", "gy_dps", "gz_dps")
 
@@ -246,6 +250,43 @@ def test_a_state_of_another_kind_is_refused_and_what_is_said_is_a_message(
         a_stage(calibration, saved)
 
 
+def test_the_service_says_how_old_its_verdict_is_and_counts_readings_without_numbers(
+    calibration: highside.Calibration,
+) -> None:
+    """A tool whose axis has no numbers any more is seen by nobody: after two hours nothing is said to hold."""
+    rows = rows_of_a_well(5, stands=12, inclinations_deg=(5.0, 50.0))
+    stage, correct = a_stage(calibration), correction_from_record(calibration.record).correct
+    for k, t in enumerate(rows["t_s"].tolist()):
+        a, w = ([float(rows[name][k]) for name in names] for names in (AXES, RATES))
+        stage.add(t, *w)
+        stage.close(t, 1000.0 + t, correct((a[0], a[1], a[2]), temp_c=25.0)[:3], 25.0)
+        while stage.waiting:
+            stage.take_result(stage.core.take(stage.waiting.popleft()))
+    last_s = float(rows["t_s"][-1])
+    told = message(stage, 1.79e9, 1000.0 + last_s + 60.0)
+    assert told.verdict == "holds"
+    assert told.measured_t is not None
+    assert told.age_s == pytest.approx(told.t - told.measured_t, abs=0.01)
+    assert 60.0 < told.age_s < 2000.0
+    assert "reading without numbers" not in told.left_out
+    for k in range(10_000):
+        t = last_s + 1.0 + k
+        stage.close(t, 1000.0 + t, (0.5, np.nan, 0.8), 25.0)
+    assert stage.left_out["reading without numbers"] >= 10_000
+    now = 1000.0 + last_s + 10_001.0
+    assert stage.grown_old(now)
+    assert not stage.grown_old(now)
+    told = message(stage, 1.79e9, now)
+    assert (told.verdict, told.stale) == ("learning", True)
+    assert told.age_s > 10_000.0
+    assert told.advice[0].startswith("for 2.")
+    # not heard of for three weeks: the state was read, and no reading has come
+    saved = SavedWatch.model_validate_json(stage.saved().model_dump_json())
+    again = a_stage(calibration, saved.model_copy(update={"age_s": 21 * 86_400.0}))
+    assert again.grown_old(0.0)
+    assert again.said.age_s > 21 * 86_400.0
+
+
 class _Codec:
     """Hands over nothing: frames are given to the pipeline as they are."""
 
@@ -455,3 +496,28 @@ def test_a_memory_with_a_number_beyond_reason_is_refused(calibration: highside.C
     for what, bad_memory in wrong.items():
         with pytest.raises(ValueError, match=r"\w"):
             pytest.fail(f"{what} was taken up: {Watch(prior, 'x').recall(bad_memory)}")
+
+
+@pytest.mark.parametrize(("wander_deg", "over_s"), [(10.0, 60.0), (5.0, 60.0)])
+def test_a_tool_that_slides_slowly_is_not_at_rest(wander_deg: float, over_s: float) -> None:
+    """Its mean is shorter than gravity by half the variance of its direction, which would be read as a departure."""
+    rows = sliding(81_000_003, wander_deg, over_s)
+    said = streamed(rows)
+    assert said.verdict != "departs"
+    assert said.counts.left_out["rest in which the tool moves slowly"] > 0
+    assert said.counts.stills >= 16
+    assert highside.watch_recording(rows, calibration_of_surveys()).verdict != "departs"
+
+
+def test_a_noisy_sensor_at_rest_does_not_move() -> None:
+    rng = np.random.default_rng(8)
+    t = np.arange(0.0, 120.0, 0.05)
+    f = np.array([[0.5], [0.0], [np.sqrt(0.75)]])
+    moves = 0
+    for _ in range(200):
+        white = 20e-3 * rng.standard_normal((3, t.size))
+        slow = 3e-4 * np.cumsum(rng.standard_normal((3, 120)), axis=1) / np.sqrt(120)
+        moves += wanders(t, f + white + np.repeat(slow, 20, axis=1))
+    assert moves == 0
+    turned = np.radians(3.0) * t / t[-1]
+    assert wanders(t, np.array([0.5 * np.cos(turned), 0.5 * np.sin(turned), 0.0 * t + np.sqrt(0.75)]))

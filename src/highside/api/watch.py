@@ -149,7 +149,8 @@ def watch_recording(
     watch = Watch(prior, record.id)
     rates = np.radians(np.vstack([table.columns[name] for name in GYROS])) if has_gyros else None
     feed(watch, Rows(table.t_s, corrected, rates, temp, table.columns.get(DEPTH), _vibration(table)))
-    return WatchedRecording(watch.result(), source_of(recording, table)[0], tuple(notes), record.tool_id)
+    found = watch.result(float(table.t_s[-1]))
+    return WatchedRecording(found, source_of(recording, table)[0], tuple(notes), record.tool_id)
 
 
 def _stated(**given: float) -> StatedNoise:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from highside.report.document import Page
 from highside.report.plots import can_plot, new_figure, plotting
 from highside.watch.parameters import CALIBRATION, INDEX
-from highside.watch.result import AttitudeError, Deviation, NotObservable, WatchClaim, WatchResult
+from highside.watch.result import AttitudeError, Deviation, NotObservable, Size, WatchClaim, WatchResult
 from highside.watch.words import noise_words
 from highside.words import _, said_later, told
 
@@ -51,7 +51,7 @@ def headline(found: WatchResult) -> str:
 def claim_words(claim: WatchClaim) -> str:
     """A departure in one line: class, size of its likeliest, since when, and what it does."""
     name, size = next(iter(claim.parameters.items()))
-    factor, unit = (1e3, f"m{size.unit}") if size.unit.startswith("g") else (1.0, size.unit)
+    factor, unit = _scaled(size)
     if name == "length":
         return _(
             "readings are %(size)s %(unit)s from gravity's length: %(what)s, since %(since)s s; %(error)s",
@@ -61,17 +61,28 @@ def claim_words(claim: WatchClaim) -> str:
             since=f"{claim.since_s:.0f}",
             error=error_words(claim.error),
         )
-    rest = [other for other in claim.equivalence_class if other != name]
+    # each with the size that it has if it is what happened
+    others = {other: f"{other} {_size_words(one)}" for other, one in claim.parameters.items()}
+    rest = [others.get(other, other) for other in claim.equivalence_class if other != name]
     alike = " " + _("(or %(names)s: not told apart)", names=", ".join(rest)) if rest else ""
     return _(
         "%(what)s since %(since)s s (%(low)s to %(high)s s; %(hours)s h); %(error)s",
-        what=f"{name} {factor * size.value:+.3g} +- {1.96 * factor * size.std:.2g} {unit}{alike}",
+        what=f"{name} {_size_words(size)}{alike}",
         since=f"{claim.since_s:.0f}",
         low=f"{claim.since_low_s:.0f}",
         high=f"{claim.since_high_s:.0f}",
         hours=f"{claim.since_s / 3600.0:.2f}",
         error=error_words(claim.error),
     )
+
+
+def _scaled(size: Size) -> tuple[float, str]:
+    return (1e3, f"m{size.unit}") if size.unit.startswith("g") else (1.0, size.unit)
+
+
+def _size_words(size: Size) -> str:
+    factor, unit = _scaled(size)
+    return f"{factor * size.value:+.3g} +- {1.96 * factor * size.std:.2g} {unit}"
 
 
 def one_of(names: Sequence[str]) -> str:

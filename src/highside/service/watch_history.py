@@ -22,15 +22,17 @@ DIGITS = 4
 """of a number: a tenth of a pixel of a picture"""
 
 
-def history(stage: WatchStage, now_s: float) -> WatchHistory:
-    """The last day by the tool's own time, back from `now_s` (UTC); the last measurement of each interval."""
+def history(stage: WatchStage, now_s: float, now_mono: float | None = None) -> WatchHistory:
+    """The last day by the tool's own time, back from `now_s` (UTC); the last measurement of each interval. `now_mono`:
+    the same by the host's clock; None: that of the last reading."""
+    watch_s = stage.t_s if now_mono is None else stage.now_s(now_mono)
     rows = np.vstack([*(one.rows() for one in stage.earlier), _rows(stage)])
     rows = rows[last_of_each(rows[:, 0], stage.t_s)]
     since_s = stage.t_s - SPAN_S
     value, std = rows[:, 1 : 1 + CALIBRATION], rows[:, 1 + CALIBRATION : 1 + 2 * CALIBRATION]
 
     def utc(t_s: float) -> float:
-        return round(now_s - (stage.t_s - t_s), 1)
+        return round(now_s - (watch_s - t_s), 1)
 
     ids = [*(one.cal_id for one in stage.earlier), stage.cal_id]
     return WatchHistory(

@@ -24,18 +24,9 @@ from highside.service.in_force import CalibrationInForce, error_text
 from highside.service.saved_drift import Stamp
 from highside.service.saved_watch import SavedWatch
 from highside.service.watch_history import history
-from highside.service.watch_messages import (
-    WatchCommand,
-    WatchDeparture,
-    WatchError,
-    WatchHistory,
-    WatchMessage,
-    WatchNoise,
-    WatchParameter,
-    WatchReply,
-)
-from highside.service.watch_stage import DEPARTS, Carried, Watched, WatchStage, claim_key
-from highside.watch.result import AttitudeError, WatchClaim
+from highside.service.watch_messages import WatchCommand, WatchHistory, WatchMessage, WatchReply
+from highside.service.watch_said import message
+from highside.service.watch_stage import DEPARTS, Carried, Watched, WatchStage
 
 log = logging.getLogger("highside")
 
@@ -195,6 +186,7 @@ class WatchKeeper:
         # of a run before this one the broker may hold what nobody watches over now
         self._stands = self._path.exists()
         self._say_what_began()
+        self._look_at_age()
         self.publish()
         self._task = asyncio.create_task(self._run(), name="watch")
 
@@ -250,6 +242,7 @@ class WatchKeeper:
             await self._let_go()
             if (stage := self.stage) is not None:
                 await self._work(stage)
+            self._look_at_age()
             now = time.monotonic()
             if self._news and now - self._published_s >= settings.interval_s:
                 self.publish()
@@ -260,6 +253,14 @@ class WatchKeeper:
                 and (self._commanded or now - self._saved_s >= settings.save_interval_s)
             ):
                 await self._save(stage)
+
+    def _look_at_age(self) -> None:
+        """What nothing was measured for since is said to be old."""
+        stage = self.stage
+        if stage is not None and stage.grown_old(time.monotonic()):
+            self._dirty = self._news = True
+            self._verdict = stage.said.verdict
+            log.warning("watch: %s; %s", stage.said.verdict, stage.said.advice[0])
 
     async def _let_go(self) -> None:
         """Of a watch that was switched off the last stretches are used, and what it knows is kept."""
@@ -332,7 +333,7 @@ class WatchKeeper:
                     said, seen = WatchMessage.off(now_s, why), WatchHistory.off(now_s, why, threshold)
                 else:
                     self.figures.update(stage.figures())
-                    said, seen = message(stage, now_s), history(stage, now_s)
+                    said, seen = message(stage, now_s, time.monotonic()), history(stage, now_s, time.monotonic())
                 self._publish_state(said.model_dump_json().encode())
                 self._publish_history(seen.model_dump_json().encode())
             except Exception as error:  # a defect here must not cost the readings
@@ -372,77 +373,3 @@ class WatchKeeper:
         self._fault = None
         self._commanded = True
         return None
-
-
-def message(stage: WatchStage, now_s: float) -> WatchMessage:
-    """What `watch` says. `now_s`: UTC; times of the watch are taken back from there."""
-    said = stage.said
-
-    def utc(t_s: float) -> float:
-        return round(now_s - (stage.t_s - t_s), 3)
-
-    return WatchMessage(
-        t=round(now_s, 6),
-        verdict=said.verdict,
-        cal_id=stage.cal_id,
-        claims=[_departure(claim, stage, utc) for claim in said.claims],
-        parameters={
-            name: WatchParameter(
-                value=one.value, std=one.std, unit=one.unit, stated_std=one.stated_std, observable=one.observable
-            )
-            for name, one in said.parameters.items()
-        },
-        not_observable={one.parameter: one.why for one in said.not_observable},
-        advice=list(said.advice),
-        inclination_deg=said.inclination_deg,
-        toolface_deg=said.toolface_deg,
-        still_unseen=_error(said.still_unseen),
-        stated=_error(said.stated),
-        noise_grown=said.noise_grown,
-        noise_ratio=said.noise_ratio,
-        undecided=said.undecided,
-        noise_changes=[
-            WatchNoise(
-                axis=one.axis,
-                effect=one.effect,
-                of=one.of,
-                factor=one.factor,
-                scatter_g=one.scatter_g,
-                since_t=utc(one.since_s),
-                rests=one.rests,
-            )
-            for one in said.noise_changes
-        ],
-        watched_s=said.duration_s,
-        stills=said.counts.stills,
-        turns=said.counts.turns,
-        left_out=dict(said.counts.left_out),
-        began=stage.began,
-    )
-
-
-def _error(error: AttitudeError | None) -> WatchError | None:
-    if error is None:
-        return None
-    return WatchError(inc_deg=error.inc_deg, tf_sin_inc_deg=error.tf_sin_inc_deg, tf_deg=error.tf_deg)
-
-
-def _departure(claim: WatchClaim, stage: WatchStage, utc: Callable[[float], float]) -> WatchDeparture:
-    size = claim.parameters[claim.parameter]
-    return WatchDeparture(
-        effect=claim.effect,
-        parameter=claim.parameter,
-        equivalence_class=list(claim.equivalence_class),
-        size=size.value,
-        std=size.std,
-        low=size.low,
-        high=size.high,
-        unit=size.unit,
-        since_t=utc(claim.since_s),
-        since_low_t=utc(claim.since_low_s),
-        since_high_t=utc(claim.since_high_s),
-        alarm_t=utc(claim.alarm_s),
-        evidence=claim.evidence,
-        error=_error(claim.error),
-        acknowledged=claim_key(claim) in stage.acknowledged,
-    )

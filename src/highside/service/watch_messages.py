@@ -18,6 +18,23 @@ class WatchError(Payload):
     tf_deg: float | None = Field(description="Of toolface; null in a vertical hole.")
 
 
+class WatchSize(Payload):
+    """Of one of a class, if it is what happened."""
+
+    value: float
+    std: float = Field(ge=0, description="Standard deviation.")
+    low: float = Field(description="95 % interval.")
+    high: float
+    unit: str
+
+
+class WatchTakenBack(Payload):
+    """A departure that was said once, and not any more: what came in between spoke against it."""
+
+    alarm_t: float = Field(description="When it was said, UTC, by the tool's own time back from now.")
+    t: float = Field(description="When it was taken back.")
+
+
 class WatchDeparture(Payload):
     """A departure from the calibration in force. The claim is its class: what the hole cannot tell apart."""
 
@@ -29,6 +46,9 @@ class WatchDeparture(Payload):
     low: float = Field(description="95 % interval of the size.")
     high: float
     unit: str
+    sizes: dict[str, WatchSize] = Field(
+        default_factory=dict, description="Of each of the class, if it is what happened; the likeliest first."
+    )
     since_t: float = Field(description="Likeliest onset, UTC, by the tool's own time back from now.")
     since_low_t: float
     since_high_t: float
@@ -74,10 +94,24 @@ class WatchMessage(Payload):
     advice: list[str] = Field(description="What to do, the first first.")
     inclination_deg: float | None = Field(description="The present attitude: that of the last rest or turn used.")
     toolface_deg: float | None = Field(description="null: it turned.")
+    measured_t: float | None = Field(
+        default=None,
+        description="UTC of the last rest or turn used, of which all is that is said; null: none was.",
+    )
+    age_s: float = Field(default=0.0, ge=0, description="Seconds from then to `t`.")
+    stale: bool = Field(default=False, description="So old that nothing is said to hold by it.")
     still_unseen: WatchError | None = Field(
         description="Three standard deviations of what the hole alone says of the present attitude."
     )
+    never_seen: WatchError | None = Field(
+        default=None,
+        description="Three standard deviations of what no hole shows (toolface zero, an antisymmetric misalignment), as"
+        " the record and the tool's class state it.",
+    )
     stated: WatchError | None = Field(description="One standard deviation of the record at the present attitude.")
+    taken_back: WatchTakenBack | None = Field(
+        default=None, description="The last departure that later measurements spoke against."
+    )
     noise_grown: bool
     noise_ratio: float = Field(description="Of the innovations' standard deviation to the stated one.")
     undecided: Count = Field(

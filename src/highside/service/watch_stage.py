@@ -22,7 +22,7 @@ from highside.config.watch import WatchSettings
 from highside.errors import Refused
 from highside.service.saved_watch import EarlierTrace, Numbers, SavedWatch, earlier_traces, facts_of
 from highside.watch import Watch, WatchResult, prior_of_record
-from highside.watch.live import LiveRows, LiveWatch, Stretch
+from highside.watch.live import NO_NUMBERS, LiveRows, LiveWatch, Stretch
 from highside.watch.memory import LAYOUT
 from highside.watch.result import WatchClaim
 from highside.watch.turning import mean_span
@@ -249,6 +249,28 @@ class WatchStage:
         self._unusable = any(claim.error is None for claim in said.claims)
         self._departure = tuple(said.departure.tolist()) if said.departure.any() else None
 
+    def now_s(self, now_mono: float) -> float:
+        """The watch's time at a time of the host's clock: it goes on where no reading comes."""
+        if (before := self._before) is not None:
+            return self.t_s + (before.age_s or 0.0) + max(now_mono - self._loaded_mono, 0.0)
+        return self.t_s + (0.0 if self._device_s is None else max(now_mono - self._t_mono, 0.0))
+
+    def grown_old(self, now_mono: float) -> bool:
+        """Whether what is said has become too old to stand since it was said; if so, that is said from here on."""
+        measured_s, now_s = self.said.measured_s, self.now_s(now_mono)
+        if self.said.stale or measured_s is None or now_s - measured_s <= self._settings.policy().stale_s:
+            return False
+        self.take_result(self.core.result(now_s))
+        return True
+
+    @property
+    def left_out(self) -> dict[str, int]:
+        """What was not used, by reason; readings that no stretch has ended since are counted, too."""
+        found = dict(self.said.counts.left_out)
+        if self._rows.no_numbers:
+            found[NO_NUMBERS] = found.get(NO_NUMBERS, 0) + self._rows.no_numbers
+        return found
+
     @property
     def departs(self) -> bool:
         """Whether a departure stands that nobody has taken note of."""
@@ -332,7 +354,7 @@ class WatchStage:
             "noise": {one.axis: one.factor for one in said.noise_changes},
             "stills": said.counts.stills,
             "turns": said.counts.turns,
-            "left_out": dict(said.counts.left_out),
+            "left_out": self.left_out,
             "waiting": len(self.waiting),
             "dropped": self.dropped,
             "began": self.began,

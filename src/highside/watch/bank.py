@@ -132,7 +132,7 @@ class Scored:
     def leaves_more(self, policy: WatchPolicy) -> bool:
         """Whether what it leaves is more than noise as it was expected."""
         chance = policy.left_sigmas * np.sqrt(2.0 * self.numbers)
-        return self.numbers > 0 and self.squares > policy.left_ratio * self.numbers + chance
+        return self.numbers > 0 and bool(self.squares > policy.left_ratio * self.numbers + chance)
 
 
 class Bank:
@@ -202,9 +202,8 @@ class Bank:
             if best > policy.threshold:
                 likeliest = ratio[self._first :].reshape(onsets.size, -1).max(axis=1)
                 old &= likeliest[1:] < best - 2.0 * policy.same_class
-        old = np.flatnonzero(old)
-        if old.size:
-            return int(old[0]) + 1
+        if old.any():
+            return int(np.argmax(old)) + 1
         return 1 if onsets.size >= policy.most_onsets else None
 
     def take(self, update: Update) -> None:
@@ -300,8 +299,8 @@ class Bank:
         return Mixture.of_columns(self._of, self._spans(), ratio, size, std, self._D)
 
     def _spans(self) -> Array:
-        """Of each column the share of the watch's time in which what it says may have begun: a step is seen at the first
-        onset after it; what came before the watch is taken for as likely as in one such span."""
+        """Of each column the share of the watch's time in which what it says may have begun: a step is seen at the
+        first onset after it; what came before the watch is taken for as likely as in one such span."""
         onsets = self._since[self._first :: self._new_of.size]
         spans = np.ones(self._first + self._new_of.size * onsets.size)
         steps = np.diff(onsets)
@@ -313,6 +312,13 @@ class Bank:
     def largest(self) -> float:
         """Twice the log-likelihood ratio of the best."""
         return float(self._ratios()[0].max(initial=0.0))
+
+    def speaks_against(self) -> bool:
+        """Whether what has been seen by now speaks against any departure that was said before. Not where no hypothesis
+        of a reasonable size explains it any more, or one alone does not."""
+        if not 0.0 < self.largest() < self._policy.taken_back * self._policy.threshold:
+            return False
+        return not self.best()[0].leaves_more(self._policy)
 
     def information_of(self, name: str, since_s: float) -> float:
         """1 / variance of the size of a hypothesis, from its first onset at `since_s` or later; 0: none."""

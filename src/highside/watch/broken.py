@@ -7,16 +7,52 @@ in which both others read something else follows no attitude. What neither tells
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
 import numpy as np
 
 from highside.arrays import Array
 
-__all__ = ["AT_REST", "UNNAMED", "broken_axis"]
+__all__ = ["AT_REST", "UNNAMED", "Beyond", "broken_axis"]
 
 AXES = "xyz"
 AT_REST = -1.0
 """in place of a swing"""
 UNNAMED = ("dead axis", "stuck axis", "saturation", "large offset")
+
+
+@dataclass
+class Beyond:
+    """Readings whose length is not that of gravity with small errors: time, s, and excess, g, of each; `axes` (6,) as
+    `broken_axis` takes them."""
+
+    lengths: list[tuple[float, float]] = field(default_factory=list)
+    axes: list[Array] = field(default_factory=list)
+
+    def add(self, t_s: float, excess_g: float, axes: Array) -> None:
+        """One more, in the order of time."""
+        self.lengths.append((t_s, excess_g))
+        self.axes.append(axes)
+
+    def last_g(self, measured_s: float | None) -> float | None:
+        """Excess of the last, where none that fits has been measured since; None: one has, or there is none."""
+        if not self.lengths or (measured_s is not None and measured_s >= self.lengths[-1][0]):
+            return None
+        return self.lengths[-1][1]
+
+    def memory(self) -> dict[str, Array]:
+        """For `recall`."""
+        return {
+            "beyond": np.array(self.lengths, dtype=float).reshape(-1, 2),
+            "beyond_axes": np.array(self.axes, dtype=float).reshape(-1, 6),
+        }
+
+    @classmethod
+    def recall(cls, memory: Mapping[str, Array]) -> Beyond:
+        """From a `memory`; one of before axes were named has none."""
+        lengths = [(float(t), float(excess)) for t, excess in memory["beyond"]]
+        return cls(lengths, list(memory.get("beyond_axes", np.zeros((0, 6)))))
 
 
 def broken_axis(readings: Array, tolerance: float) -> tuple[str, ...]:

@@ -25,7 +25,7 @@ from highside.watch.result import WatchResult
 from highside.watch.rows import REST, Calmest, Rows, stills, turnings
 from highside.watch.turning import TURNING, Left
 
-__all__ = ["LIVE", "LiveRows", "LiveWatch", "Stretch"]
+__all__ = ["LIVE", "NO_NUMBERS", "LiveRows", "LiveWatch", "Stretch"]
 
 
 @dataclass(frozen=True)
@@ -39,17 +39,21 @@ class LivePolicy:
 
 
 LIVE = LivePolicy()
+NO_NUMBERS = "reading without numbers"
+"""left out, and why"""
 COLUMNS = 11
 """of a reading, as they are collected"""
 
 
 @dataclass(frozen=True)
 class Stretch:
-    """Readings in which the tool turned all the time, or did not. `power_up`: it was switched on just before."""
+    """Readings in which the tool turned all the time, or did not. `power_up`: it was switched on just before.
+    `no_numbers`: readings before its end that were none."""
 
     rows: Rows
     turning: bool
     power_up: bool = False
+    no_numbers: int = 0
 
 
 class LiveRows:
@@ -62,6 +66,8 @@ class LiveRows:
         self._device_s: float | None = None
         self.power_up = False
         """the tool was switched on since the last stretch"""
+        self.no_numbers = 0
+        """readings since the last stretch whose acceleration is no number"""
         self._columns = [array("d") for _ in range(COLUMNS)]
         """t, c (3), rate (3), temperature, span of the mean, depth, vibration"""
         self._second = 0.0
@@ -105,6 +111,7 @@ class LiveRows:
                 self._sum, self._n, self._turning = 0.0, 0, False
             self.t_s += step
         if not math.isfinite(c[0] + c[1] + c[2]):
+            self.no_numbers += 1
             return done
         done = self._judged(rate_radps) or done
         nan = math.nan
@@ -142,6 +149,7 @@ class LiveRows:
             return None
         values = np.array(columns)
         power_up, self.power_up = self.power_up, False
+        no_numbers, self.no_numbers = self.no_numbers, 0
         rows = Rows(
             values[0],
             values[1:4],
@@ -151,7 +159,7 @@ class LiveRows:
             _known(values[10]),
             values[8],
         )
-        return Stretch(rows, self._turning, power_up)
+        return Stretch(rows, self._turning, power_up, no_numbers)
 
 
 def _known(values: Array) -> Array | None:
@@ -179,6 +187,8 @@ class LiveWatch:
             watch, self._last = self._watch, stretch
             if stretch.power_up:
                 watch.power_up()
+            if stretch.no_numbers:
+                watch.leave_out(NO_NUMBERS, stretch.no_numbers)
             if stretch.turning:
                 for window in turnings(stretch.rows):
                     if isinstance(window, Left):
@@ -187,16 +197,16 @@ class LiveWatch:
                         watch.turning(window)
             else:
                 self._take_rests(stretch.rows)
-            return watch.result()
+            return watch.result(float(stretch.rows.t_s[-1]))
 
     def _take_rests(self, rows: Rows) -> None:
         for still in stills(rows, self._watch.leave_out):
             (self._watch.shaken if self._calmest.shakes(still) else self._watch.still)(still)
 
-    def result(self) -> WatchResult:
-        """What is said now."""
+    def result(self, now_s: float | None = None) -> WatchResult:
+        """What is said at a time of the watch; None: right after what was last used."""
         with self._lock:
-            return self._watch.result()
+            return self._watch.result(now_s)
 
     def memory(self) -> WatchMemory:
         """What it knows."""

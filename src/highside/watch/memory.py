@@ -89,12 +89,22 @@ def checked(memory: WatchMemory) -> None:
             raise ValueError(f"{name} has another shape")
     if "beyond_axes" in arrays and (arrays["beyond_axes"].ndim != 2 or arrays["beyond_axes"].shape[1] != 6):
         raise ValueError("beyond_axes has another shape")
+    _is_taken_back(arrays.get("taken_back", np.zeros((0, 2))), memory.last_s)
     if (arrays["squares"] < [0.0, 1.0]).any():
         raise ValueError("the innovations are none")
     _facts_are_some(memory)
     _is_trace(arrays["trace"], memory.last_s)
     if (arrays["bank_since"] < 0.0).any() or (arrays["bank_since"] > memory.last_s).any():
         raise ValueError("bank_since: an onset is not in the time of the watch")
+
+
+def _is_taken_back(rows: Array, last_s: float) -> None:
+    """Raises ValueError where an alarm that was taken back is not in the time of the watch. A memory of before that was
+    kept has none."""
+    if rows.shape not in ((0, 2), (1, 2)):
+        raise ValueError("taken_back has another shape")
+    if (rows < 0.0).any() or (rows > last_s).any() or (np.diff(rows) < 0.0).any():
+        raise ValueError("taken_back: it is not in the order of time")
 
 
 def _facts_are_some(memory: WatchMemory) -> None:

@@ -1,15 +1,15 @@
 """What is known once something departs: of all hypotheses and onsets together, each by its likelihood.
 
-The likeliest alone would state more than is known: where `b_x` and `S_xz` are one class, its parameters are right if the
-likeliest is what happened, and many standard deviations off if it is not. So each hypothesis `k` at each onset is a
-member with the weight
+The likeliest alone would state more than is known: where `b_x` and `S_xz` are one class, its parameters are right if it
+is what happened, and many standard deviations off if it is not. So each hypothesis `k` at each onset is a member with
+the weight
 
     w_k = span_k exp(ratio_k / 2) / sqrt(ratio_k),
 
 the marginal likelihood of a size of any order of magnitude (density `1 / |size|`, which needs no unit and no largest
 size), where `span_k` is the share of the watch's time that the onset stands for: steps may come at any time, and what
-begins with the watch has all of it. With state `x`, covariance `P` of the filter and the mean error `d_k` of one of size
-one, a member says `x + d_k size_k` and `P + d_k d_k' std_k^2`; mean and covariance of the mixture are those of its
+begins with the watch has all of it. With state `x`, covariance `P` of the filter and the mean error `d_k` of one of
+size one, a member says `x + d_k size_k` and `P + d_k d_k' std_k^2`. Mean and covariance of the mixture are those of its
 members and of the scatter between them.
 """
 
@@ -30,8 +30,8 @@ _LEAST_WEIGHT = 1e-7
 
 @dataclass(frozen=True, slots=True)
 class Mixture:
-    """Members (K,): `of` which hypothesis, `weight` (sum one), `size` with `std`; `left` (N, K) mean error of the filter
-    for a size of one."""
+    """Members (K,): `of` which hypothesis, `weight` (sum one), `size` with `std`; `left` (N, K) mean error of the
+    filter for a size of one."""
 
     of: NDArray[np.intp]
     weight: Array

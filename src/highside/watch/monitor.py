@@ -8,34 +8,34 @@ only where that is small at the present attitude is a calibration said to hold (
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import replace
+from dataclasses import astuple, replace
 
 import numpy as np
 
 from highside.arrays import Array
 from highside.watch.axis_noise import AxisNoise
 from highside.watch.bank import Bank, Filter, Scored
-from highside.watch.broken import AT_REST
-from highside.watch.claims import SECOND, broken, sizes_of, unexplained
+from highside.watch.broken import AT_REST, Beyond
+from highside.watch.claims import broken, departed, sizes_of, unexplained
 from highside.watch.hold import Hold, noise_evidence, rests_of
 from highside.watch.measurement import Still, Surroundings, Turning, linear_still, linear_turning
 from highside.watch.memory import TRACE_WIDTH, WatchMemory, checked
 from highside.watch.noise_level import NoiseLevel
 from highside.watch.parameters import CALIBRATION, GROWTH, KT, NAMES, SIZE, UNITS, B, Prior
 from highside.watch.policy import POLICY, StatedNoise, WatchPolicy
-from highside.watch.present import error_of, std_of
+from highside.watch.present import error_of, sight_of
 from highside.watch.result import (
     AttitudeError,
     Counts,
     Deviation,
-    NotObservable,
     Size,
+    TakenBack,
     Trace,
     Verdict,
     WatchClaim,
     WatchResult,
 )
-from highside.watch.words import advice, noise_advice, undecided_advice, why_unseen
+from highside.watch.words import advice, noise_advice, not_observable, state_advice, taken_back_advice
 
 __all__ = ["Watch"]
 
@@ -65,10 +65,9 @@ class Watch:
         self._left_out: dict[str, int] = {}
         self._warmer_c = 0.0
         self._trace: deque[tuple[float, Array, Array, float, float]] = deque(maxlen=policy.most_traced)
-        self._beyond: list[tuple[float, float]] = []
-        self._beyond_axes: list[Array] = []
-        """(6,) of each: `broken_axis`"""
+        self._beyond = Beyond()
         self._hold: Hold | None = None
+        self._taken_back: TakenBack | None = None
 
     def still(self, still: Still) -> None:
         """Take a mean at rest."""
@@ -113,9 +112,8 @@ class Watch:
         if abs(excess_g) <= self._policy.largest:
             return False
         self.leave_out("length is not that of gravity")
-        if len(self._beyond) < self._policy.most_beyond:
-            self._beyond.append((t_s, excess_g))
-            self._beyond_axes.append(axes)
+        if len(self._beyond.lengths) < self._policy.most_beyond:
+            self._beyond.add(t_s, excess_g, axes)
         return True
 
     def power_up(self) -> None:
@@ -125,9 +123,9 @@ class Watch:
         for one in (self._filter, self._alone):
             one.covariance[range(CALIBRATION), range(CALIBRATION)] += [noise.repeat_g**2] * 3 + [noise.repeat**2] * 9
 
-    def leave_out(self, reason: str) -> None:
+    def leave_out(self, reason: str, count: int = 1) -> None:
         """Count something that was not used."""
-        self._left_out[reason] = self._left_out.get(reason, 0) + 1
+        self._left_out[reason] = self._left_out.get(reason, 0) + count
 
     def information_of(self, name: str, since_s: float) -> float:
         """What has been seen so far of a hypothesis from its first onset at `since_s` or later: 1 / variance."""
@@ -164,11 +162,11 @@ class Watch:
             "squares": self._level.memory(),
             "jump": self._level.memory_of_jump(),
             "f": np.zeros(0) if self._f is None else np.array(self._f, dtype=float),
-            "beyond": np.array(self._beyond, dtype=float).reshape(-1, 2),
-            "beyond_axes": np.array(self._beyond_axes, dtype=float).reshape(-1, 6),
             "trace": np.array(trace, dtype=float).reshape(-1, TRACE_WIDTH),
+            "taken_back": np.array([astuple(one) for one in (self._taken_back,) if one], dtype=float).reshape(-1, 2),
         }
-        arrays |= {f"bank_{name}": values for name, values in self._bank.memory().items()} | self._axes.memory()
+        arrays |= {f"bank_{name}": values for name, values in self._bank.memory().items()}
+        arrays |= self._axes.memory() | self._beyond.memory()
         return WatchMemory(
             arrays,
             start_s=self._start_s,
@@ -201,9 +199,8 @@ class Watch:
         if "noise_rests" in arrays:
             self._axes.recall(arrays["noise_rests"], arrays["noise_changed"])
         self._f = arrays["f"].copy() if arrays["f"].size else None
-        self._beyond = [(float(t), float(excess)) for t, excess in arrays["beyond"]]
-        # a memory of before axes were named has none
-        self._beyond_axes = list(arrays.get("beyond_axes", np.zeros((0, 6))))
+        self._beyond = Beyond.recall(arrays)
+        self._taken_back = next((TakenBack(*row) for row in arrays.get("taken_back", np.zeros((0, 2))).tolist()), None)
         self._trace.clear()
         split = np.cumsum([1, CALIBRATION, CALIBRATION, 1])
         for row in arrays["trace"]:
@@ -259,6 +256,8 @@ class Watch:
         self._trace.append((t_s, state[:CALIBRATION].copy(), std, inclination, evidence))
         if self._alarm_s is None:
             self._judge(one, times, update.innovations, evidence)
+        elif self._bank.speaks_against():
+            self._taken_back, self._alarm_s = TakenBack(self._alarm_s, t_s), None
 
     def _is_odd(self, y: Array, H: Array) -> bool:
         """Whether a measurement is far from what is expected of it."""
@@ -322,40 +321,41 @@ class Watch:
         factor = np.sqrt(np.maximum(self._grown() ** 2, 1.0 + walked / np.maximum(own, 1e-300)))
         return np.asarray(covariance * np.outer(factor, factor))
 
-    def result(self) -> WatchResult:
-        """What is said now. Before the first measurement: learning, of nothing."""
+    def result(self, now_s: float | None = None) -> WatchResult:
+        """What is said at a time of the watch; None: right after the last measurement. Before the first measurement:
+        learning, of nothing."""
         inc, tf = self._attitude()
-        unseen = None if inc is None else std_of(self._alone.covariance, inc, tf, 3.0 * self._grown())
-        stated = None if inc is None else std_of(self._prior.stated, inc, tf)
-        claims: tuple[WatchClaim, ...]
-        claims = () if self._alarm_s is None or inc is None else (self._departs(inc, tf, self._alarm_s),)
-        if len(self._beyond) >= self._policy.fewest_beyond:
-            dead = broken(self._beyond, self._beyond_axes, self._policy)
-            # a dead axis in an attitude where it hardly shows is no small departure beside that
-            before = dead.since_s - self._policy.recent_s
-            claims = (dead, *(one for one in claims if one.alarm_s < before))
-        verdict: Verdict = "departs" if claims else "holds" if self._holds(unseen) else "learning"
+        sight = sight_of(inc, tf, self._alone.covariance, self._prior, self._grown())
+        claims = self._claims(inc, tf)
+        measured_s = None if self._start_s is None else self._last_s
+        age_s = 0.0 if now_s is None or measured_s is None else max(now_s - measured_s, 0.0)
+        stale, dead = age_s > self._policy.stale_s, any(one.error is None for one in claims)
+        misfit_g = None if claims else self._beyond.last_g(measured_s)
+        holds = not stale and misfit_g is None and self._holds(sight.unseen)
+        verdict: Verdict = "departs" if claims else "holds" if holds else "learning"
         deviations, undecided = self._deviations(), 0 if claims else self._undecided()
         ratio = self._level.stated_ratio()
         return WatchResult(
             verdict=verdict,
             claims=claims,
             parameters=deviations,
-            not_observable=tuple(
-                NotObservable(name, why_unseen(name, self._counts["turns"]))
-                for name, one in deviations.items()
-                if not one.observable
-            ),
+            not_observable=not_observable(deviations, self._counts["turns"]),
             advice=(
-                *undecided_advice(undecided),
-                *advice(verdict, claims, unseen, inc, self._policy),
+                *state_advice(None if dead or not stale else age_s, misfit_g, undecided),
+                *advice(verdict, claims, sight, inc, self._policy),
+                *taken_back_advice(self._taken_back),
                 *noise_advice(self._axes.changes()),
             ),
             cal_id=self._cal_id,
             inclination_deg=None if inc is None else float(np.degrees(inc)),
             toolface_deg=None if tf is None else float(np.degrees(tf) % 360.0),
-            still_unseen=unseen,
-            stated=stated,
+            measured_s=measured_s,
+            age_s=age_s,
+            stale=stale,
+            still_unseen=sight.unseen,
+            never_seen=sight.never,
+            stated=sight.stated,
+            taken_back=self._taken_back,
             noise_grown=ratio > self._policy.grown,
             noise_ratio=ratio,
             undecided=undecided,
@@ -367,6 +367,16 @@ class Watch:
             departure=self._departure(),
             trace=Trace.of(self._trace),
         )
+
+    def _claims(self, inc: float | None, tf: float | None) -> tuple[WatchClaim, ...]:
+        claims: tuple[WatchClaim, ...]
+        claims = () if self._alarm_s is None or inc is None else (self._departs(inc, tf, self._alarm_s),)
+        if len(self._beyond.lengths) >= self._policy.fewest_beyond:
+            dead = broken(self._beyond, self._policy)
+            # a dead axis in an attitude where it hardly shows is no small departure beside that
+            before = dead.since_s - self._policy.recent_s
+            claims = (dead, *(one for one in claims if one.alarm_s < before))
+        return claims
 
     def _attitude(self) -> tuple[float | None, float | None]:
         """Present inclination, and the toolface where the tool lies still, rad."""
@@ -416,25 +426,12 @@ class Watch:
             # what was a departure of a small parameter needs more by now than any may have
             least = self._policy.largest
             return unexplained("deviation", Size(least, 0.0, least, least, "g"), ("no small error",), alarm_s, alarm_s)
-        best = scored[0]
-        near = [one for one in scored if one.ratio >= best.ratio - self._policy.same_class]
-        alike = [one.hypothesis.name for one in near]
-        low, high = self._bank.onsets_of(best, self._policy.same_class)
+        near = [one for one in scored if one.ratio >= scored[0].ratio - self._policy.same_class]
+        onsets = self._bank.onsets_of(near[0], self._policy.same_class)
         # what began after the alarm did not raise it; what was just taken for noise may be part of what departs
-        if low > alarm_s or best.leaves_more(self._policy) or self._level.jumps:
-            alike.append(SECOND)
-        return WatchClaim(
-            effect=best.hypothesis.effect,
-            parameter=best.hypothesis.name,
-            parameters=sizes_of(near, mixture, self._grown()),
-            equivalence_class=tuple(alike),
-            since_s=best.since_s,
-            since_low_s=low,
-            since_high_s=high,
-            alarm_s=alarm_s,
-            evidence=best.ratio,
-            error=error_of(self._deviation_of(best), inc, tf),
-        )
+        second = onsets[0] > alarm_s or near[0].leaves_more(self._policy) or self._level.jumps
+        error = error_of(self._deviation_of(near[0]), inc, tf)
+        return departed(near, sizes_of(near, mixture, self._grown()), onsets, alarm_s, error, second=second)
 
     def _deviation_of(self, scored: Scored) -> Array:
         """(N,) what the hypothesis says of the state now."""

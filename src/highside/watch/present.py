@@ -7,18 +7,59 @@ hole.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from highside.arrays import Array
-from highside.watch.parameters import CALIBRATION, SIZE, B, S
+from highside.watch.parameters import CALIBRATION, SIZE, B, Prior, S
 from highside.watch.result import AttitudeError
 
-__all__ = ["error_of", "gradients", "std_of"]
+__all__ = ["SIGMAS", "Sight", "antisymmetric", "error_of", "gradients", "sight_of", "std_of"]
+
+SIGMAS = 3.0
+"""standard deviations of an error that would have been seen"""
 
 TOOLFACES = 16
 """round the clock, over which the worst is taken where the tool turns"""
 _VERTICAL = 0.01
 """sine of the inclination below which toolface is not given (0.6 deg)"""
+
+
+@dataclass(frozen=True, slots=True)
+class Sight:
+    """What an error of the present attitude may be: that the hole would not have shown yet (three standard deviations),
+    that no hole shows (three, of the record and the tool's repeatability), that the record states (one). None: there is
+    no attitude."""
+
+    unseen: AttitudeError | None = None
+    never: AttitudeError | None = None
+    stated: AttitudeError | None = None
+
+
+def antisymmetric(covariance: Array) -> Array:
+    """(12, 12) of the calibration's parameters, of the antisymmetric part of S alone: a rotation of the triad in the
+    tool, which neither the length of gravity nor a turn shows. About z it is a toolface offset; about x and y it reads
+    like a bent collar."""
+    turn = np.zeros((CALIBRATION, CALIBRATION))
+    for i in range(3):
+        for j in range(3):
+            turn[S + 3 * i + j, S + 3 * i + j] += 0.5
+            turn[S + 3 * i + j, S + 3 * j + i] -= 0.5
+    return np.asarray(turn @ covariance @ turn.T)
+
+
+def sight_of(inc_rad: float | None, tf_rad: float | None, alone: Array, prior: Prior, grown: float) -> Sight:
+    """At an attitude, or of nothing where there is none. `alone`: covariance by what the hole alone says; `grown`: by
+    which factor its standard deviations stand wider."""
+    if inc_rad is None:
+        return Sight()
+    own = antisymmetric(prior.covariance[:CALIBRATION, :CALIBRATION])
+    return Sight(
+        std_of(alone, inc_rad, tf_rad, SIGMAS * grown),
+        std_of(own, inc_rad, tf_rad, SIGMAS),
+        std_of(prior.stated, inc_rad, tf_rad),
+    )
 
 
 def gradients(inc_rad: float, tf_rad: float) -> Array:

@@ -72,6 +72,14 @@ class WatchClaim:
 
 
 @dataclass(frozen=True, slots=True)
+class TakenBack:
+    """A departure that was said at `alarm_s`, and at `at_s` not any more: what came in between spoke against it."""
+
+    alarm_s: float
+    at_s: float
+
+
+@dataclass(frozen=True, slots=True)
 class NoiseChange:
     """An axis whose readings at rest scatter otherwise than before. Nothing of the calibration departs by it."""
 
@@ -145,10 +153,20 @@ class WatchResult:
     cal_id: str
     inclination_deg: float | None
     toolface_deg: float | None
+    measured_s: float | None
+    """the last measurement that was used, to which all that is said belongs; None: there was none"""
+    age_s: float
+    """since then"""
+    stale: bool
+    """it is so old that nothing is said to hold by it"""
     still_unseen: AttitudeError | None
-    """three standard deviations of what the hole alone says of the present attitude"""
+    """three standard deviations of what the hole alone says of the present attitude, but for `never_seen`"""
+    never_seen: AttitudeError | None
+    """three standard deviations of what no hole shows: of the antisymmetric part of S, as record and class state it"""
     stated: AttitudeError | None
     """one standard deviation of the record at the present attitude"""
+    taken_back: TakenBack | None
+    """the last departure that later measurements spoke against"""
     noise_grown: bool
     noise_ratio: float
     """of the innovations' standard deviation to the stated one"""

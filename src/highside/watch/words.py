@@ -3,14 +3,27 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from highside.watch.claims import SECOND
 from highside.watch.parameters import AXES
 from highside.watch.policy import WatchPolicy
-from highside.watch.result import AttitudeError, NoiseChange, Verdict, WatchClaim
+from highside.watch.present import Sight
+from highside.watch.result import Deviation, NoiseChange, NotObservable, TakenBack, Verdict, WatchClaim
 
-__all__ = ["advice", "noise_advice", "noise_words", "roll_test", "undecided_advice", "why_unseen"]
+__all__ = [
+    "advice",
+    "noise_advice",
+    "noise_words",
+    "not_observable",
+    "roll_test",
+    "state_advice",
+    "taken_back_advice",
+    "why_unseen",
+]
+
+ANTISYMMETRIC = "S_xy-S_yx"
+"""a toolface offset: in `not_observable` always"""
 
 _STEEP_RAD = math.radians(75.0)
 _ALONG = "b_z, S_zz and gravity are told apart by a spread of inclinations, and are out of sight near horizontal"
@@ -40,6 +53,17 @@ def why_unseen(name: str, turns: int) -> str:
     return _SIDE.get(name, "needs other inclinations: at one of them it is not told from its neighbours")
 
 
+def not_observable(parameters: Mapping[str, Deviation], turns: int) -> tuple[NotObservable, ...]:
+    """What was not seen so far, and what never is."""
+    never = NotObservable(
+        ANTISYMMETRIC, "a toolface offset, never seen in a hole: toolface zero is as the bench left it"
+    )
+    return (
+        *(NotObservable(name, why_unseen(name, turns)) for name, one in parameters.items() if not one.observable),
+        never,
+    )
+
+
 def roll_test(inc_rad: float) -> str:
     """The manoeuvre that tells most, and what it will tell."""
     names = "b_x, b_y, S_xx, S_yy and S_xy + S_yx"
@@ -55,17 +79,23 @@ def roll_test(inc_rad: float) -> str:
 def advice(
     verdict: Verdict,
     claims: Sequence[WatchClaim],
-    unseen: AttitudeError | None,
+    sight: Sight,
     inc_rad: float | None,
     policy: WatchPolicy,
 ) -> tuple[str, ...]:
     """What to do next, the first first."""
     if claims and claims[0].error is None:
         return ("the readings are not those of gravity: use none of them, pull the tool",)
-    if inc_rad is None or unseen is None:
+    unseen, never = sight.unseen, sight.never
+    if inc_rad is None or unseen is None or never is None:
         return ("nothing was measured: let the tool lie still, or turn with gyros recorded",)
     if verdict == "holds":
-        return ("go on",)
+        return (
+            "go on",
+            f"never seen in a hole, and as the bench left it: toolface zero (S_xy - S_yx), and what reads like a bent"
+            f" collar; the record and the tool's class state {never.tf_sin_inc_deg:.2g} deg of toolface times sin I and"
+            f" {never.inc_deg:.2g} deg of inclination for both (3 standard deviations)",
+        )
     if verdict == "learning":
         side = (
             " Near horizontal b_z and S_zz stay out of sight: a still at another inclination is needed."
@@ -94,6 +124,16 @@ def advice(
     return tuple(lines)
 
 
+def taken_back_advice(taken: TakenBack | None) -> tuple[str, ...]:
+    """Where a departure is not said any more."""
+    if taken is None:
+        return ()
+    return (
+        f"what was said to depart at {taken.alarm_s:.0f} s was taken back at {taken.at_s:.0f} s: later measurements"
+        " speak against it, or it has gone again; check the surveys in between",
+    )
+
+
 def noise_words(change: NoiseChange) -> str:
     """An axis whose readings scatter otherwise than before, in one line."""
     way = "grown" if change.factor > 1.0 else "fallen"
@@ -103,15 +143,27 @@ def noise_words(change: NoiseChange) -> str:
     )
 
 
-def undecided_advice(count: int) -> tuple[str, ...]:
-    """Where it is not known yet whether noise has grown or something departs."""
-    if not count:
-        return ()
-    last = "the last measurement is" if count == 1 else f"the last {count} measurements are"
-    return (
-        f"{last} far from what was expected: noise that has grown, or a departure; take two"
-        " or three rests more, which tell it, and trust no survey before",
-    )
+def state_advice(age_s: float | None, misfit_g: float | None, undecided: int) -> tuple[str, ...]:
+    """Where what is said is old (`age_s`; None: it is not), where the last reading is not gravity at all (`misfit_g`),
+    and where it is not known yet whether noise has grown or something departs (`undecided` measurements)."""
+    lines = []
+    if age_s is not None:
+        lines.append(
+            f"for {age_s / 3600.0:.1f} h no rest and no rotation could be used: what is said here is of then; let the"
+            " tool lie still, or turn with gyros recorded"
+        )
+    if misfit_g is not None:
+        lines.append(
+            f"the last reading does not fit: its length is {1e3 * misfit_g:+.0f} mg from gravity's; use it for nothing,"
+            " and take another at once: a second one says that an axis is broken"
+        )
+    if undecided:
+        last = "the last measurement is" if undecided == 1 else f"the last {undecided} measurements are"
+        lines.append(
+            f"{last} far from what was expected: noise that has grown, or a departure; take two"
+            " or three rests more, which tell it, and trust no survey before"
+        )
+    return tuple(lines)
 
 
 def noise_advice(changes: Sequence[NoiseChange]) -> tuple[str, ...]:

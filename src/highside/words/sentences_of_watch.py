@@ -25,6 +25,26 @@ WATCH = (
     said_later("nothing was measured: let the tool lie still, or turn with gyros recorded"),
     said_later("go on"),
     said_later(
+        "never seen in a hole, and as the bench left it: toolface zero (S_xy - S_yx), and what reads like a bent"
+        " collar; the record and the tool's class state %(tf)s deg of toolface times sin I and %(inc)s deg of"
+        " inclination for both (3 standard deviations)"
+    ),
+    said_later(
+        "for %(hours)s h no rest and no rotation could be used: what is said here is of then; let the tool lie still,"
+        " or turn with gyros recorded"
+    ),
+    said_later(
+        "the last reading does not fit: its length is %(excess)s mg from gravity's; use it for nothing, and take"
+        " another at once: a second one says that an axis is broken"
+    ),
+    said_later(
+        "what was said to depart at %(alarm)s s was taken back at %(at)s s: later measurements speak against it, or it"
+        " has gone again; check the surveys in between"
+    ),
+    said_later("a toolface offset, never seen in a hole: toolface zero is as the bench left it"),
+    said_later("reading without numbers"),
+    said_later("rest in which the tool moves slowly"),
+    said_later(
         "not yet known: an error of up to %(inc)s deg of inclination and %(tf)s deg of toolface times sin I would "
         "not have been seen."
     ),
