@@ -65,7 +65,7 @@ from highside.service.rig.surveys import SurveyLog, trend_of
 from highside.service.rig.toolface import ToolfaceLog
 from highside.service.starts import StartLog
 from highside.service.watch_keeper import WatchKeeper, WatchParts
-from highside.service.watch_keeper import message as watch_message
+from highside.service.watch_said import message as watch_message
 from highside.watch.proposal import propose, read_outcome
 
 Make = Callable[[random.Random], bytes]
@@ -508,7 +508,10 @@ DRIFT = (
 )
 WATCH = (
     *("reading/messages", "watch", "config/watch"),
-    *(f"service/{name}" for name in ("saved_watch", "watch_keeper", "watch_stage", "watch_messages", "commands")),
+    *(
+        f"service/{name}"
+        for name in ("saved_watch", "watch_keeper", "watch_said", "watch_stage", "watch_messages", "commands")
+    ),
     *("service/saved_drift", *CORRECTING),
 )
 WATCH_STATE = (*WATCH, "reading/config_table")
