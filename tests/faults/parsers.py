@@ -105,6 +105,11 @@ def files_of(modules: Sequence[str]) -> list[Path]:
     return list(files)
 
 
+def modules_below(folder: str) -> tuple[str, ...]:
+    """The modules of a folder of `src/highside`, and of those within it."""
+    return tuple(str(path.relative_to(TOP).with_suffix("")) for path in sorted((TOP / folder).rglob("*.py")))
+
+
 @cache
 def what_it_does(path: Path) -> str:
     """A Python file without what changes nothing in what it does: comments, docstrings, how its lines are broken."""
@@ -470,7 +475,7 @@ def _at_once(work: Coroutine[Any, Any, Any]) -> Any:
     raise AssertionError("it waits")
 
 
-PACKED = ("expansion", "arrow_size", "mcap_size", "parquet_size", "mat5")
+PACKED = ("expansion", "arrow_size", "mcap_size", "parquet_size", "mat5", "hdf5_heaps")
 EVERYWHERE = ("errors", "printable", "service/clock", "service/quiet_log", "special")
 """What each parser's code uses and that reads nothing: how errors and log lines are worded, what time it is, and what
 is asked at any import (of scipy)."""
@@ -498,8 +503,13 @@ ROTATION = ("rotation", "attitude/angles")
 RIG = ("service/rig/surveys", "service/rig/toolface")
 SURVEYS = ("recording/kept_surveys", "reading/messages", "api/surveys", "watch")
 KEYS = ("recording/keys", "calibration/signature")
-IMPORT = ("importing", "codec/axes", *TABLES)
-CONTAINERS = (*IMPORT, *(f"reading/{name}" for name in PACKED))
+MATLAB = "importing/forms/matlab"
+IMPORT = (
+    *(name for name in modules_below("importing") if name != MATLAB),
+    *("codec/axes", *TABLES),
+)
+"""of texts, which no damage makes a file of MATLAB or HDF5"""
+CONTAINERS = (*IMPORT, MATLAB, *(f"reading/{name}" for name in PACKED))
 FLEET = ("fleet/catalogue", "reading/table")
 SESSION = ("bench/mqtt", "bench/session", "reading/messages", "reading/config_table")
 DRIFT = (

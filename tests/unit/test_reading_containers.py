@@ -28,6 +28,7 @@ from highside.importing.core.wishes import Wishes
 from highside.importing.files import open_foreign, refuse_open
 from highside.reading.arrays import npy_array
 from highside.reading.columnar import arrow_columns, mcap_messages, parquet_columns
+from highside.reading.hdf5_heaps import refuse_endless_heaps
 from highside.reading.mat5 import mat5_arrays
 from highside.reading.parquet_size import group_bytes, row_groups
 from highside.reading.row_groups import GROUP_BYTES, RowGroups
@@ -334,6 +335,24 @@ def _hdf5(path: Path, write: Callable[[h5py.File], object]) -> Path:
     with h5py.File(path, "w") as file:
         write(file)
     return path
+
+
+@pytest.mark.parametrize(
+    ("number", "size"), [(0, 0), (0, 1 << 40), (1, (1 << 64) - 8)], ids=["stays", "beyond", "backwards"]
+)
+def test_an_hdf5_heap_without_an_end_is_refused(number: int, size: int, tmp_path: Path) -> None:
+    # the library goes through it for ever, where no alarm of Python reaches it
+    path = _hdf5(tmp_path / "x.h5", _with_units)
+    data = path.read_bytes()
+    refuse_endless_heaps(data, where="x.h5")
+    first = data.index(b"GCOL") + 16
+    path.write_bytes(data[:first] + struct.pack("<HHIQ", number, 1, 0, size) + data[first + 16 :])
+    with pytest.raises(InputError, match=r"x\.h5: is a damaged HDF5 file \(the heap at byte \d+ has no end\)"):
+        open_foreign(path, Wishes())
+
+
+def _with_units(file: h5py.File) -> None:
+    file.create_dataset("ax", data=np.arange(64.0)).attrs["units"] = "g"
 
 
 HDF5_FILES: dict[str, tuple[Callable[[h5py.File], object], str]] = {

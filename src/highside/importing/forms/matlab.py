@@ -12,6 +12,7 @@ from highside.importing.core.source import SourceTable
 from highside.importing.forms.arrays import tables_of
 from highside.importing.forms.missing import damaged, not_installed
 from highside.reading.expansion import refuse_expansion
+from highside.reading.hdf5_heaps import refuse_endless_heaps
 from highside.reading.mat5 import MOST_ARRAYS, mat5_arrays
 
 MAT5 = b"MATLAB 5.0 MAT-file"
@@ -60,6 +61,7 @@ def read_hdf5(data: bytes, where: str, stem: str) -> tuple[SourceTable, ...]:
         if isinstance(unit, str | bytes):
             units[name] = unit if isinstance(unit, str) else unit.decode("utf-8", "replace")
 
+    refuse_endless_heaps(data, where=where)
     try:
         with h5py.File(io.BytesIO(data), "r") as file:
             file.visititems(take)
