@@ -92,6 +92,10 @@ def test_a_limit_that_no_tool_could_pass_is_refused_with_the_term_that_is_too_la
     done = highside("calibrate", "verify", record, poses, *narrow, check=2)
     assert done.stderr.startswith("highside: --limit-inc-deg: no tool could pass: U of I at pose")
     assert "one setting of the bench: 0.0052 deg" in done.stderr and "pose_sigma_deg" in done.stderr
+    # from one side, too: better knowledge of the bench's level, which is what is wanting there, would not help
+    done = highside("calibrate", "verify", record, poses, *narrow[:-1], check=2)
+    assert done.stderr.startswith("highside: --limit-inc-deg: no tool could pass: U of I at pose")
+    assert "one setting of the bench: 0.0052 deg" in done.stderr
     few = tmp_path / "few.csv"
     few.write_text("".join(Path(poses).read_text().splitlines(keepends=True)[:9]))
     done = highside("calibrate", "verify", record, str(few), *README, check=1)

@@ -257,6 +257,15 @@ def test_what_is_missing_is_null_in_polars_and_nan_in_pandas(calibration: highsi
     assert np.isnan(highside.predict(model, frame.to_dict(as_series=False))["ax_g"]).tolist() == [False, True, False]
 
 
+def test_times_that_are_texts_name_the_command_that_reads_them(tmp_path: Path) -> None:
+    """By `diagnose` as by every other command: of its file it asked for seconds and said no more."""
+    path = tmp_path / "iso.csv"
+    path.write_text("t_s,ax_g,ay_g,az_g\n2026-11-22T10:00:00Z,0.1,0.2,0.97\n")
+    for read in (highside.read, highside.diagnose):
+        with pytest.raises(InputError, match=r"t_s: is a text .*seconds are expected; .*highside import .*iso\.csv"):
+            read(path)
+
+
 def test_tables_of_highside_are_taken_by_others(simulation: highside.Simulation) -> None:
     recording = simulation.recording
     assert pl.DataFrame(recording).columns == list(recording.order)

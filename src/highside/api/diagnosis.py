@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypedDict
@@ -27,6 +28,7 @@ from highside.physics.plan import Site
 from highside.recording.files import write_folder
 from highside.recording.frames import Columns, File, FrameT, take
 from highside.recording.long import MANY_ROWS, LongRecording, long_recording
+from highside.recording.of_another import of_another
 from highside.recording.table import Recording, SummaryTable, Table
 from highside.report.diagnosis_claims import claim_size
 from highside.report.diagnosis_words import verdict_words
@@ -297,9 +299,10 @@ def _rows_and_clock(
     if "ax_g" not in table.columns and table.has("ax", "ay", "az"):
         timed = table.has("t_s")
         table = _of_poses(table)
-    rows = Recording(table.columns, table.texts, table.order, table.source)
-    # a text in one cell makes a column of texts: no reason to say that a sensor's column is missing
-    rows.require(*(name for name in Recording.known if name in rows.texts))
+    with of_another(table.source, tables_alone=False) if table.source is not None else nullcontext():
+        rows = Recording(table.columns, table.texts, table.order, table.source)
+        # a text in one cell makes a column of texts: no reason to say that a sensor's column is missing
+        rows.require(*(name for name in Recording.known if name in rows.texts))
     if first_s is None and last_s is None:
         return rows, timed
     t_s = rows.t_s

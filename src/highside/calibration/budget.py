@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
@@ -54,6 +54,17 @@ class Width:
     def hopeless(self) -> bool:
         """Whether even an error of zero would not pass."""
         return self.u_deg >= self.limit_deg
+
+    @property
+    def share(self) -> float:
+        """U as a multiple of the limit."""
+        return self.u_deg / self.limit_deg
+
+    @property
+    def on_a_level_bench(self) -> Width:
+        """The same comparison, were the level of the bench known exactly."""
+        budget = replace(self.budget, level=0.0)
+        return replace(self, budget=budget, u_deg=K * budget.std)
 
     @property
     def text(self) -> str:
@@ -107,7 +118,7 @@ def narrowest(
         for pose, budget, counts in zip(settings_deg, which, poses.usable()[name == "T"], strict=True)
         if counts
     ]
-    return max(widths, key=lambda width: width.u_deg / width.limit_deg)
+    return max(widths, key=lambda width: width.share)
 
 
 def compared(

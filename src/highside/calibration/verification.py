@@ -193,8 +193,16 @@ class Verification:
     @property
     def widest(self) -> Width:
         """The comparison, among those undecided (or all), whose U takes the largest share of its limit."""
+        return max(self._widths(), key=lambda width: width.share)
+
+    @property
+    def widest_on_a_level_bench(self) -> Width:
+        """As `widest`, were the level of the bench known exactly: what no knowledge of it makes smaller."""
+        return max((width.on_a_level_bench for width in self._widths()), key=lambda width: width.share)
+
+    def _widths(self) -> list[Width]:
         poses = [pose for pose in self.poses if pose.verdict is Conformity.UNDECIDED] or list(self.poses)
-        found = [
+        return [
             Width(name, pose.pose, K * budget.std, limit, budget, self.level.source)
             for pose in poses
             for name, judged, budget, limit in (
@@ -203,7 +211,6 @@ class Verification:
             )
             if judged is not None
         ]
-        return max(found, key=lambda width: width.u_deg / width.limit_deg)
 
     def to_dict(self) -> dict[str, Any]:
         return {

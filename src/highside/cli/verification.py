@@ -155,8 +155,8 @@ def _require_attainable(found: Verification) -> None:
     poses from the other side would help the verdict says so."""
     from highside.calibration.verification import Conformity
 
-    width = found.widest
-    if found.verdict is Conformity.UNDECIDED and width.hopeless and not found.one_sided:
+    width = found.widest_on_a_level_bench if found.one_sided else found.widest
+    if found.verdict is Conformity.UNDECIDED and width.hopeless:
         field = "--limit-inc-deg" if width.name == "I" else "--limit-tf-deg"
         raise InputError(f"no tool could pass: {width.text}", field=field)
 
