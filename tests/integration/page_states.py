@@ -103,6 +103,8 @@ VERDICT = VerdictState(
     ],
 )  # fmt: skip
 
+OVEN = PlanState(kind="oven", title="over temperature, 12 poses", method="joint", poses=12, done=6, skipped=0,
+                 stage=1, stages=2, stage_temp_c=70.0)  # fmt: skip
 SET_6 = "Set 6 (inclination 45, toolface 135): turn 17 deg clockwise, raise 3.6 deg."
 PAGES = {
     s.session: s
@@ -112,6 +114,12 @@ PAGES = {
             "Clamp the tool, check that the table is level, then choose Start (joint, 12 poses).",
             0, target=None, deviation=None, operator=None, elapsed_s=0.0,
             allowed=[CommandName.START, CommandName.ABORT],
+        ),
+        shown(
+            "soaking", SessionState.SOAKING,
+            "Bring the tool to 70 deg C, now 25.3; the session goes on by itself once that is steady.",
+            6, target=None, deviation=None, plan=OVEN,
+            poses=[one.model_copy(update={"temp_c": 25.0 if k < 6 else 70.0}) for k, one in enumerate(rows(6))],
         ),
         shown("guiding", SessionState.GUIDING, SET_6, 5),
         shown(
@@ -148,6 +156,8 @@ PAGES = {
         ),
         shown("paused", SessionState.PAUSED, "Paused: choose Go on; what has been measured is kept.", 5,
               allowed=[CommandName.RESUME, CommandName.REDO, CommandName.UNDO, CommandName.ABORT]),
+        shown("solving", SessionState.SOLVING, "One moment: the calibration is being computed.", 12,
+              allowed=[CommandName.ABORT], **OVER),
         shown(
             "review", SessionState.REVIEW,
             "All poses are taken and agree: I within 0.0011 deg (1 sigma); accept or reject.",
@@ -178,6 +188,8 @@ PAGES = {
             " reload.", 12, result=result(record_id=RECORD), in_force=ForceState(present=RECORD, before=None),
             closures=[RING], allowed=[], **OVER,
         ),
+        shown("rejected", SessionState.REJECTED, "Ended: the result was rejected. The journal keeps what was measured.",
+              12, result=result(), closures=[RING], allowed=[], **OVER),
         shown("aborted", SessionState.ABORTED,
               "Aborted. The journal keeps what was measured.", 5, target=None, allowed=[],
               to_go_s=None, **NOWHERE),

@@ -23,6 +23,8 @@ from page_states import PAGES
 from PIL import Image, ImageFilter
 from playwright.async_api import Browser, Page
 
+from highside.bench.session.snapshot import SessionState
+
 KEPT = Path(__file__).parent / "pictures"
 LAYOUT = KEPT / "layout.json"
 SHOTS = os.environ.get("HIGHSIDE_SHOTS")
@@ -154,6 +156,11 @@ def share_changed(kept: Image.Image, now: Image.Image) -> float:
 
 def kept_picture(name: str, width: int) -> Image.Image:
     return Image.open(KEPT / f"{name}-{width}.png").convert("RGB")
+
+
+def test_no_state_of_a_session_is_without_a_picture() -> None:
+    """But the one that takes no time."""
+    assert {shown.state for shown in PAGES.values()} == set(SessionState) - {SessionState.CHECKING}
 
 
 @pytest.mark.timeout(600)
