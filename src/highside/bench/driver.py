@@ -69,6 +69,8 @@ class BenchDriver:
         self._monitor = Monitor(range_g=20.0, stuck_frames=200, seq_modulus=self._codec.seq_modulus)
         self._wall_offset = time.time() - time.monotonic()
         self._cached: Snapshot | None = None
+        self._of_the_link = 0
+        """changes of the link: each shows at once, also where no reading comes after it and the session does not move"""
         self._changed = asyncio.Event()
         self._over = asyncio.Event()
         self.ended = asyncio.Event()
@@ -155,14 +157,19 @@ class BenchDriver:
             self.session.link_down(message, now)
         elif state is LinkState.ENDED:
             self.session.data_ended(now)
+        self._of_the_link += 1
         self._changed.set()
 
     # --- what faces use ----------------------------------------------------------------------------------------
 
     def snapshot(self) -> Snapshot:
-        if self._cached is None or self._cached.seq != self.session.seq:
-            self._cached = self._view.snapshot()
+        seq = self._seq(self.session.seq)
+        if self._cached is None or self._cached.seq != seq:
+            self._cached = self._view.snapshot().model_copy(update={"seq": seq})
         return self._cached
+
+    def _seq(self, of_session: int) -> int:
+        return of_session + self._of_the_link
 
     async def subscribe(self, max_rate_hz: float = 10.0) -> AsyncIterator[Snapshot]:
         shown = -1
@@ -179,6 +186,7 @@ class BenchDriver:
     async def command(self, command: Command, origin: Origin = Origin.HERE) -> Reply:
         async with self._commands:
             reply = self.session.command(command, time.monotonic(), origin)
+            reply = reply.model_copy(update={"seq": self._seq(reply.seq)})
             if reply.accepted and self.session.record is not None and self.stored is None:
                 try:
                     await asyncio.to_thread(self._keep_record)
