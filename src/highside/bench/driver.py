@@ -70,7 +70,7 @@ class BenchDriver:
         self._wall_offset = time.time() - time.monotonic()
         self._cached: Snapshot | None = None
         self._of_the_link = 0
-        """changes of the link: each shows at once, also where no reading comes after it and the session does not move"""
+        """changes of the link: each shows at once, also where the session does not move and no reading follows"""
         self._changed = asyncio.Event()
         self._over = asyncio.Event()
         self.ended = asyncio.Event()
