@@ -65,6 +65,7 @@ def remove(name: NameArgument, file: FileOption = USERS) -> None:
     """Remove a user, who is signed out at once."""
     from highside.config.users import changing_users
 
+    _require_known(name, file)
     with changing_users(file) as users:
         user = _known(users, name, file)
         users.remove(user)
@@ -74,9 +75,9 @@ def remove(name: NameArgument, file: FileOption = USERS) -> None:
 @app.command()
 def password(name: NameArgument, file: FileOption = USERS, stdin: StdinOption = False) -> None:
     """Give a user another password; who is signed in under that name is signed out."""
-    from highside.config.users import changing_users, read_users
+    from highside.config.users import changing_users
 
-    _known(list(read_users(file).user), name, file)
+    _require_known(name, file)
     made = _password(stdin)
     with changing_users(file) as users:
         user = _known(users, name, file)
@@ -90,6 +91,7 @@ def role(name: NameArgument, role: RoleOption, file: FileOption = USERS) -> None
     from highside.config.users import changing_users
 
     found = _role(role)
+    _require_known(name, file)
     with changing_users(file) as users:
         user = _known(users, name, file)
         users[users.index(user)] = user.model_copy(update={"role": found})
@@ -134,6 +136,13 @@ def _known(users: list[User], name: str, file: Path) -> User:
         names = ", ".join(known.name for known in users) or "nobody"
         raise InputError(f"{name!r} is no user", where=str(file), remedy=f"there are: {names}")
     return user
+
+
+def _require_known(name: str, file: Path) -> None:
+    """Before the file is locked: what is refused leaves nothing behind, not even the lock's file."""
+    from highside.config.users import read_users
+
+    _known(list(read_users(file).user), name, file)
 
 
 def _refuse_known(file: Path, name: str) -> None:
