@@ -15,6 +15,8 @@ import pytest
 # before numpy is loaded: the matrices are small, and threads that wait for one another at each product make the suite
 # several times slower (a regression of `test_blind_scoring.py`: 65 s of two busy processors with, 8 s without them)
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+# whatever language the terminal of whoever runs the tests is in
+os.environ["HIGHSIDE_LANGUAGE"] = "en"
 
 from highside.attitude import compiled
 

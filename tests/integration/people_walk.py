@@ -41,12 +41,13 @@ NEAR = 0.05
 KEPT = Path(__file__).parent / "pictures" / "pages.json"
 AXE = (Path(axe_playwright_python.__file__).parent / "axe.min.js").read_text(encoding="utf-8")
 
+SEEN = "{ visibilityProperty: true, opacityProperty: true }"
 SKELETON = r"""(() => {
   const out = [], wide = innerWidth;
   const seen = document.querySelectorAll('main h1, main h2, main .card, main table, main pre, main textarea,'
     + ' main a[href], main button, main input:not([type=hidden]), main select, main summary, main .alarm, nav a');
   for (const one of seen) {
-    if (!one.checkVisibility({ visibilityProperty: true, opacityProperty: true })) continue;
+    if (!one.checkVisibility(SEEN)) continue;
     const box = one.getBoundingClientRect(), kind = one.localName + (one.matches('.card') ? '.card' : '');
     const said = one.matches('h1, h2, a, button, summary') ? one.textContent : one.getAttribute('name') ?? '';
     const words = said.trim().replace(/\s+/g, ' ');
@@ -54,7 +55,7 @@ SKELETON = r"""(() => {
     out.push([kind, words, fills ? [box.left / wide, box.right / wide] : null]);
   }
   return out;
-})()"""
+})()""".replace("SEEN", SEEN)
 """Kind, words, and of what fills the width where it begins and ends, as a part of it."""
 
 COVERED = r"""(() => {
@@ -190,6 +191,8 @@ class Walk:
 
     async def look(self, name: str, ready: str = "document.querySelector('h1')") -> None:
         await self.face.until(ready)
+        # a live page is faded in, at times only after all that it is made of stands there
+        await self.face.until(f"document.querySelector('h1')?.checkVisibility({SEEN})")
         for width in self.widths:
             await self.face.size(width, 900)
             await asyncio.sleep(0.2)

@@ -98,7 +98,7 @@ def test_the_printed_certificate_says_all_it_must(records: Path, project_root: P
         "calibrate", "certificate", records / "2.json", "--fields", project_root / "config/certificate.toml",
         "--previous", records / "1.json", "-o", page,
     )  # fmt: skip
-    assert "as found: Pass" in done.stdout and "as left: Pass" in done.stdout
+    assert "As found: Pass" in done.stdout and "As left: Pass" in done.stdout
     pages = printed(page)
     assert_numbered(pages)
     text = " ".join(" ".join(pages).split())

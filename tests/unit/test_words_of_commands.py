@@ -17,6 +17,9 @@ from tests.refusals import refusals
 REFUSING = (
     "fleet", "rotation", "api/rotation.py", "api/turntable.py", "cli/fleet.py", "cli/rotation.py", "cli/turntable.py",
     "cli/self_fit.py", "config/model.py", "reading", "recording/table.py", "recording/files.py",
+    "cli/diagnose.py", "cli/watch.py", "cli/surveys.py", "cli/certificate.py", "cli/overwriting.py", "cli/kinds.py",
+    "cli/finite.py", "cli/own_effects.py", "cli/options.py", "api/watch.py", "api/surveys.py", "api/diagnosis.py",
+    "api/certificate.py", "report", "recording/calibration_store.py", "watch", "diagnosis",
 )  # fmt: skip
 OF_PROGRAMS = (
     # of the live filter, and of calls that no command makes

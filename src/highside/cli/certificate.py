@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from highside.cli.options import as_options
+from highside.cli.options import as_options, speaking
 from highside.cli.say import echo
 
 if TYPE_CHECKING:
     from highside.api.certificate import Certificate
+    from highside.calibration.signature import SigningKey
 
 Session = Annotated[
     Path | None, typer.Option("--session", help="Journal of the record's session: its photographs as an annex.")
@@ -54,6 +55,7 @@ def certificate(
     from highside.cli.keys import signing_key_if_any
     from highside.cli.verification import read_poses
     from highside.recording.calibration_store import read_record
+    from highside.recording.files import write_whole
     from highside.report.plots import need_plots
 
     need_plots()  # before the work: the sheets are drawn
@@ -72,23 +74,34 @@ def certificate(
             session=session,
             language=language,
         )
-    _write(made, output, dcc)
-    if private is not None:
-        from highside.recording.keys import sign_file
-
-        for file in (output, dcc):
-            if file is not None:
-                echo(f"{sign_file(file, private, now_s=time.time())}: signed by {private.name}")
-    for line in made.verdicts:
-        echo(line)
-
-
-def _write(made: Certificate, output: Path, dcc: Path | None) -> None:
-    """The certificate, and where it is wanted the digital one with it inside."""
-    from highside.recording.files import write_whole
-
+    # the sheets are in the language that their fields name, whatever is spoken at the terminal
     pages = made.save(output)
-    echo(f"{output}: certificate of record {made.inputs.record.id[:12]}{f', {pages} pages' if pages else ''}")
     if dcc is not None:
         write_whole(dcc, made.dcc(output))
-        echo(f"{dcc}: digital calibration certificate (DCC 3.3.0)")
+    signatures = {} if private is None else _signed((output, dcc), private)
+    with speaking(language):
+        _tell(made, output, pages, dcc, signatures)
+
+
+def _signed(files: tuple[Path | None, ...], private: SigningKey) -> dict[Path, str]:
+    """The signatures that were written beside the files, and whose they are."""
+    from highside.recording.keys import sign_file
+
+    return {sign_file(file, private, now_s=time.time()): private.name for file in files if file is not None}
+
+
+def _tell(made: Certificate, output: Path, pages: int | None, dcc: Path | None, signatures: dict[Path, str]) -> None:
+    """What was written: the certificate, where wanted the digital one with it inside, signatures; and the verdicts."""
+    from highside.words import _
+
+    of = {"file": output, "id": made.inputs.record.id[:12]}
+    if pages:
+        echo(_("%(file)s: certificate of record %(id)s, %(pages)s pages", **of, pages=pages))
+    else:
+        echo(_("%(file)s: certificate of record %(id)s", **of))
+    if dcc is not None:
+        echo(_("%(file)s: digital calibration certificate (DCC %(version)s)", file=dcc, version="3.3.0"))
+    for file, name in signatures.items():
+        echo(_("%(file)s: signed by %(name)s", file=file, name=name))
+    for line in made.verdicts:
+        echo(line)

@@ -18,7 +18,7 @@ import typer
 from highside.cli import examples
 from highside.cli.guards import guard
 from highside.cli.loading import loading
-from highside.cli.options import as_options, in_options
+from highside.cli.options import as_options, asked_language, in_options
 from highside.cli.say import echo
 from highside.errors import HighsideError
 from highside.printable import one_line
@@ -117,13 +117,18 @@ leaves of its errors only; their common root is therefore found from a leaf, wha
 
 def _usage(error: Any) -> int:
     """Say in one line what is wrong with the command line (typer would draw a box of five); the exit status."""
+    from highside.words import _, told
+
     context = getattr(error, "ctx", None)
-    text = one_line(error.format_message())
     if type(error).__name__ == "NoArgsIsHelpError":
         # a group without a command: its help is printed already
-        text = "no command given; choose one of those above"
-    remedy = f" (see {context.command_path} --help)" if context is not None else ""
-    echo(f"highside: {text}{remedy}", err=True)
+        text = _("no command given; choose one of those above")
+    else:
+        # what of it pydantic says, it says as of a class of errors
+        text = told(one_line(error.format_message()).replace("Value error, ", ""), "commands")
+    if context is not None:
+        text = _("%(what)s (see %(command)s --help)", what=text, command=context.command_path)
+    echo(f"highside: {text}", err=True)
     return int(error.exit_code)
 
 
@@ -155,13 +160,6 @@ def run(arguments: list[str]) -> int:
         with loading():
             app = app_of(arguments[0] if arguments and arguments[0] in COMMANDS else None)
         return int(app(arguments, standalone_mode=False) or 0)
-    except UsageFault as error:
-        return _usage(error)
-    except (typer.Abort, KeyboardInterrupt) as ended:
-        if isinstance(ended.__context__, EOFError):
-            echo("\nhighside: the input ended before all questions were answered; give them as options", err=True)
-            return 2
-        return 130
     except HighsideError as error:
         echo(f"highside: {in_options(error)}", err=True)
         return error.exit_status
@@ -169,23 +167,37 @@ def run(arguments: list[str]) -> int:
         # the reader of our output went away (`| head`): not an error of ours
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
-    except Exception as error:
-        if isinstance(error, OSError) and error.filename is None and error.errno in _NO_ROOM:
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-            echo(f"highside: the output cannot be written: {error.strerror}; make room, or send it elsewhere", err=True)
-            return 2
-        if isinstance(error, UnicodeEncodeError) and (given := next(filter(_is_no_text, arguments), None)) is not None:
-            echo(f"highside: {one_line(given)}: holds bytes that are no text; write it in UTF-8", err=True)
-            return 2
-        if os.environ.get("HIGHSIDE_DEBUG"):
-            raise
-        if isinstance(error, OSError) and error.filename is not None and error.errno in _OF_THE_PLACE:
-            where = one_line(os.fsdecode(error.filename) if isinstance(error.filename, bytes) else str(error.filename))
-            echo(f"highside: {where}: {error.strerror}; name another place, or mend this one", err=True)
-            return 2
-        echo(
-            f"highside: internal error: {type(error).__name__}: {one_line(str(error))}"
-            " (set HIGHSIDE_DEBUG=1 for details)",
-            err=True,
-        )
+    except (Exception, KeyboardInterrupt) as error:
+        from highside.words import in_language
+
+        with in_language(asked_language(arguments)):
+            return _ended(error, arguments)
+
+
+def _ended(error: BaseException, arguments: list[str]) -> int:
+    """Say what ended a command that did not refuse anything; the exit status. Raises it again for who debugs."""
+    from highside.words import _
+
+    if isinstance(error, UsageFault):
+        return _usage(error)
+    if isinstance(error, typer.Abort | KeyboardInterrupt):
+        if not isinstance(error.__context__, EOFError):
+            return 130
+        echo("", err=True)
+        text = _("the input ended before all questions were answered; give them as options")
+    elif isinstance(error, OSError) and error.filename is None and error.errno in _NO_ROOM:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        text = _("the output cannot be written: %(why)s; make room, or send it elsewhere", why=error.strerror)
+    elif isinstance(error, UnicodeEncodeError) and (given := next(filter(_is_no_text, arguments), None)) is not None:
+        text = _("%(argument)s: holds bytes that are no text; write it in UTF-8", argument=one_line(given))
+    elif os.environ.get("HIGHSIDE_DEBUG"):
+        raise error
+    elif isinstance(error, OSError) and error.filename is not None and error.errno in _OF_THE_PLACE:
+        where = one_line(os.fsdecode(error.filename) if isinstance(error.filename, bytes) else str(error.filename))
+        text = _("%(file)s: %(why)s; name another place, or mend this one", file=where, why=error.strerror)
+    else:
+        what = f"{type(error).__name__}: {one_line(str(error))}"
+        echo(f"highside: {_('internal error: %(what)s (set HIGHSIDE_DEBUG=1 for details)', what=what)}", err=True)
         return 70
+    echo(f"highside: {text}", err=True)
+    return 2

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from highside.cli.loading import loading
-from highside.cli.options import Language, as_options
+from highside.cli.options import Language, as_options, speaking
 from highside.cli.own_effects import EffectFolders, take_in
 from highside.cli.say import echo
 
@@ -100,7 +100,7 @@ def diagnose(
     workers: Workers = None,
     cluster: ClusterOption = None,
     called: Called = None,
-    language: Language = "en",
+    language: Language = None,
 ) -> None:
     """Say where a recording departs from the simulation, what was left out, and how sure that is."""
     with loading():
@@ -110,7 +110,8 @@ def diagnose(
     if cluster is not None:
         run_by_run = _spreadable(run_by_run, summary, effects)
     take_in(effects)
-    knows = _known(model, alone=simulation is None and summary is None)
+    with speaking(language):
+        knows = _known(model, alone=simulation is None and summary is None)
     with progress_on_terminal() as progress:
         if summary is not None:
             with as_options("corrected_by"):
@@ -133,9 +134,7 @@ def diagnose(
                 made = api.diagnose(
                     rows, knows, simulation=simulation, align=align, seed=seed, run_by_run=run_by_run, threads=workers
                 )
-    from highside.words import in_language
-
-    with in_language(language):
+    with speaking(language):
         _write_and_tell(made if called is None else replace(made, source=called), out, write_model, report=report)
 
 
@@ -172,7 +171,7 @@ def _write_and_tell(made: Diagnosis, out: Path, write_model: Path | None, *, rep
     """Write what was found, and say it; exit status 1 where the data are bad."""
     from highside.cli.kinds import MODEL_MARK
     from highside.recording.files import write_whole
-    from highside.words import told
+    from highside.words import _, told
 
     learnt = made.model_toml() if write_model is not None else None
     made.save(out, report=report)
@@ -183,7 +182,7 @@ def _write_and_tell(made: Diagnosis, out: Path, write_model: Path | None, *, rep
         if learnt is not None:
             write_whole(write_model, f"{MODEL_MARK}\n{learnt}".encode())
         else:
-            echo(f"{write_model}: not written, since nothing was given a name", err=True)
+            echo(_("%(file)s: not written, since nothing was given a name", file=write_model), err=True)
     if made.found.verdict == "bad_data":
         raise typer.Exit(1)
 
@@ -191,11 +190,12 @@ def _write_and_tell(made: Diagnosis, out: Path, write_model: Path | None, *, rep
 def _known(model: Path | None, *, alone: bool) -> Model:
     """What is known beforehand; that it is nothing is said of a recording that is compared with no other prediction."""
     from highside.config.model import Model, load_model
+    from highside.words import _
 
     if model is not None:
         return load_model(model)
     if alone:
-        echo("no --model: nothing is taken as known beside the sensor", err=True)
+        echo(_("no --model: nothing is taken as known beside the sensor"), err=True)
     return Model()
 
 

@@ -53,11 +53,11 @@ def diagnose_command(
     workers: Workers = None,
     scheduler: Scheduler = None,
     dashboard: Dashboard = None,
-    language: PrintLanguage = "en",
+    language: PrintLanguage = None,
     as_json: Json = False,
 ) -> None:
     """Diagnose every recording; each row keeps what pooling needs."""
-    with speaking(language, "commands"):
+    with speaking(language):
         text = "" if model is None else _model_text(model)
         _run("diagnose", catalogue, out, workers, scheduler, dashboard, as_json, model=text, seed=seed)
 
@@ -70,11 +70,11 @@ def solve_command(
     workers: Workers = None,
     scheduler: Scheduler = None,
     dashboard: Dashboard = None,
-    language: PrintLanguage = "en",
+    language: PrintLanguage = None,
     as_json: Json = False,
 ) -> None:
     """Solve every pose table to a calibration record."""
-    with speaking(language, "commands"):
+    with speaking(language):
         _run("solve", catalogue, out, workers, scheduler, dashboard, as_json, method=method)
 
 
@@ -86,11 +86,11 @@ def drift_command(
     workers: Workers = None,
     scheduler: Scheduler = None,
     dashboard: Dashboard = None,
-    language: PrintLanguage = "en",
+    language: PrintLanguage = None,
     as_json: Json = False,
 ) -> None:
     """Follow the attitude of every recording by gyros and gravity."""
-    with speaking(language, "commands"):
+    with speaking(language):
         _run("drift", catalogue, out, workers, scheduler, dashboard, as_json, method=method)
 
 
@@ -104,7 +104,7 @@ def summary_command(
         str | None, typer.Option("--order", help="Column along which a change is looked for (a serial number, a date).")
     ] = None,
     html: Annotated[Path | None, typer.Option("--html", help="Report to write.")] = None,
-    language: Language = "en",
+    language: Language = None,
     as_json: Json = False,
 ) -> None:
     """Say what physics the tools of a lot share, and which tools stand out."""
@@ -113,7 +113,7 @@ def summary_command(
     from highside.fleet.summary import summarise
     from highside.recording.files import write_whole
 
-    with speaking(language, "commands"):
+    with speaking(language):
         found = summarise(PartStore.existing(folder), by=by, order=order)
         if html is not None:
             write_whole(html, page_of(found, folder.resolve().name).encode())
@@ -158,7 +158,7 @@ def records_command(
         float, typer.Option("--limit-deg", help="Of the direction of gravity, k = 2: at which a calibration is due.")
     ] = 0.1,
     html: Annotated[Path | None, typer.Option("--html", help="Report to write.")] = None,
-    language: Language = "en",
+    language: Language = None,
     as_json: Json = False,
 ) -> None:
     """Say how fast sensors wander from calibration to calibration, which departed, and when the next is due."""
@@ -167,7 +167,7 @@ def records_command(
     from highside.recording.files import write_whole
     from highside.words import _, told
 
-    with speaking(language, "commands"):
+    with speaking(language):
         if not 0.0 < limit_deg < 90.0:
             raise InputError(f"{limit_deg:g} is no limit", field="--limit-deg", remedy="between 0 and 90")
         if not folder.is_dir():

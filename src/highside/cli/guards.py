@@ -1,13 +1,16 @@
-"""What every command refuses before it begins."""
+"""What every command refuses before it begins, and in which language it refuses."""
 
 from __future__ import annotations
 
+import functools
+import inspect
 from collections.abc import Callable
 from typing import Any
 
 import typer
 
 from highside.cli.finite import finite_numbers
+from highside.cli.options import refusing
 from highside.cli.overwriting import own_outputs
 
 _MARK = "is_guarded"
@@ -25,6 +28,19 @@ def guard(app: typer.Typer) -> None:
 
 
 def _guarded(function: Callable[..., Any]) -> Callable[..., Any]:
-    made = finite_numbers(own_outputs(function))
+    made = _spoken(finite_numbers(own_outputs(function)))
     setattr(made, _MARK, True)
     return made
+
+
+def _spoken(function: Callable[..., Any]) -> Callable[..., Any]:
+    """A command that has `--language` refuses in it, too."""
+    if "language" not in inspect.signature(function).parameters:
+        return function
+
+    @functools.wraps(function)
+    def guarded(*args: Any, **given: Any) -> Any:
+        with refusing(given.get("language")):
+            return function(*args, **given)
+
+    return guarded

@@ -4,7 +4,7 @@ options that several commands have."""
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Annotated, Literal
 
@@ -12,13 +12,10 @@ import typer
 
 from highside.errors import HighsideError, InputError
 
-Language = Annotated[
-    Literal["en", "de", "nb", "es"], typer.Option("--language", help="Of report.html and of what is printed.")
-]
-PrintLanguage = Annotated[Literal["en", "de", "nb", "es"], typer.Option("--language", help="Of what is printed.")]
-PageLanguage = Annotated[
-    Literal["en", "de", "nb", "es"], typer.Option("--language", help="Of the page that --html writes.")
-]
+Code = Literal["en", "de", "nb", "es"]
+_ELSE = "else as HIGHSIDE_LANGUAGE or the locale says."
+Language = Annotated[Code | None, typer.Option("--language", help=f"Of report.html and of what is printed; {_ELSE}")]
+PrintLanguage = Annotated[Code | None, typer.Option("--language", help=f"Of what is printed; {_ELSE}")]
 _ARGUMENT = re.compile(
     r"\b(align|axial|azimuths|calibration|depths|model|of|rate_terms|reference|rest|simulation|tool)=(?:'([\w.]+)'|\"([\w.]+)\")?"
 )
@@ -42,20 +39,55 @@ def in_options(message: HighsideError | str) -> str:
 
 
 @contextmanager
-def speaking(code: str, of: str = "") -> Iterator[None]:
-    """Within it a command says everything in that language, what it refuses too. `of`: as of `told`."""
+def speaking(code: str | None) -> Iterator[None]:
+    """Within it a command says everything in that language; `None`: in that of whoever sits at the terminal. What it
+    refuses `spoken` tells."""
+    from highside.words import in_language
+
+    with in_language(_code(code)):
+        yield
+
+
+@contextmanager
+def refusing(code: str | None) -> Iterator[None]:
+    """Within it a command refuses in that language, as `speaking`."""
     from highside.cli.say import echo
+
+    try:
+        yield
+    except HighsideError as error:
+        if _code(code) == "en":
+            raise
+        echo(f"highside: {refusal(error, code)}", err=True)
+        raise typer.Exit(error.exit_status) from None
+
+
+def refusal(error: HighsideError, code: str | None) -> str:
+    """What is wrong and what to do, in one line, in that language."""
     from highside.words import in_language
     from highside.words.errors import error_told
 
-    with in_language(code):
-        try:
-            yield
-        except HighsideError as error:
-            if code == "en":
-                raise
-            echo(f"highside: {in_options(error_told(error, of))}", err=True)
-            raise typer.Exit(error.exit_status) from None
+    if _code(code) == "en":
+        return in_options(error)
+    with in_language(_code(code)):
+        return in_options(error_told(error, "commands"))
+
+
+def asked_language(arguments: Sequence[str]) -> str:
+    """That of `--language` on a command line, in whatever else is wrong with it; else that of the terminal."""
+    code = None
+    for one, following in zip(arguments, [*arguments[1:], ""], strict=False):
+        name, _, value = one.partition("=")
+        if name == "--language":
+            code = value or following
+    return _code(code)
+
+
+def _code(code: str | None) -> str:
+    from highside.words import LANGUAGES
+    from highside.words.preferred import preferred_language
+
+    return code if code in LANGUAGES else preferred_language()
 
 
 @contextmanager

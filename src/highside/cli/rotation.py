@@ -70,13 +70,13 @@ def fit_command(
     roll_deg: Annotated[float | None, typer.Option(help="Roll of the vehicle at which it was recorded.")] = None,
     pitch_deg: Annotated[float | None, typer.Option(help="Pitch of the vehicle at which it was recorded.")] = None,
     html: PageOption = None,
-    language: Language = "en",
+    language: Language = None,
     as_json: JsonOption = False,
 ) -> None:
     """Fit each error of a recording against the rotor angle and write a compensation."""
     from highside.api.rotation import fit_rotation
 
-    with speaking(language, "commands"):
+    with speaking(language):
         with as_options("rate_terms"):
             found = fit_rotation(
                 recording,
@@ -128,7 +128,7 @@ def apply(
     compensation_file: Annotated[Path, typer.Argument(metavar="COMP", help="Compensation (JSON) of rotation fit.")],
     recording: RecordingArgument,
     output: Output,
-    language: PrintLanguage = "en",
+    language: PrintLanguage = None,
     as_json: JsonOption = False,
 ) -> None:
     """Take the fitted errors off, of errors and of attitudes as the live service does.
@@ -139,7 +139,7 @@ def apply(
     """
     from highside.api.rotation import compensate
 
-    with speaking(language, "commands"):
+    with speaking(language):
         done = compensate(recording, compensation_file)
         done.data.write(output)
         _tell_compensated(done, output, as_json=as_json)
@@ -183,13 +183,13 @@ def compare(
     network_input: Annotated[InputName, typer.Option(help="For the network.")] = InputName.SCALED,
     seed: Annotated[int, typer.Option(help="For the network: its first weights.")] = 0,
     html: PageOption = None,
-    language: Language = "en",
+    language: Language = None,
     as_json: JsonOption = False,
 ) -> None:
     """Fit all methods to the same rows: residuals, errors on whole turns not used by the fit, both relative to sine."""
     from highside.api.rotation import compare_rotation
 
-    with speaking(language, "commands"):
+    with speaking(language):
         with as_options("rate_terms"):
             found = compare_rotation(recording, rate_terms=rate_terms, network_input=network_input.value, seed=seed)
         if html is not None:

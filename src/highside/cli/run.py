@@ -92,14 +92,14 @@ def _until_ended(config: Path, serve: Callable[[], Coroutine[Any, Any, None]]) -
 def check(
     config: Annotated[Path, typer.Argument(help="The configuration to validate.")],
     overrides: SetOption = None,
-    language: PrintLanguage = "en",
+    language: PrintLanguage = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the effective configuration as JSON.")] = False,
 ) -> None:
     """Validate a configuration without running it: fields, codec, secrets, calibration record, compensation.
 
     A bench session's file (it has a table [plan]) is judged as such, its page's token, certificate and key too.
     """
-    with speaking(language, "settings"):
+    with speaking(language):
         _check(config, overrides, as_json=as_json)
 
 

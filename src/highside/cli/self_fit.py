@@ -47,14 +47,14 @@ def fit_self(
     gyro_misalignment_arcmin: Annotated[
         float, typer.Option(help="What is not known of the gyros' alignment with the accelerometers, arcmin.")
     ] = 1.0,
-    language: PrintLanguage = "en",
+    language: PrintLanguage = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print as JSON.")] = False,
 ) -> None:
     """Fit errors of I and T against the rotor angle with the recording's own gyros and accelerometers as reference."""
     from highside.api.turntable import fit_self as fit
     from highside.recording.files import write_whole
 
-    with speaking(language, "commands"):
+    with speaking(language):
         with as_options("gyro_bias_dph", "gyro_misalignment_arcmin"):
             found = fit(
                 recordings,

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from highside.cli.options import Language, as_options, in_options
+from highside.cli.options import Language, as_options, in_options, speaking
 from highside.cli.say import echo
 from highside.cli.watch import show_watched
 from highside.recording.survey_formats import SurveyFormat
@@ -37,7 +37,7 @@ def analyse(
     gravity_std_mps2: Annotated[
         float, typer.Option("--gravity-std-mps2", min=0.0, help="Standard deviation of --gravity-mps2.")
     ] = 5e-4,
-    language: Language = "en",
+    language: Language = None,
 ) -> None:
     """Say from surveys alone whether the calibration that they were made under still holds (multi-station analysis).
 
@@ -47,9 +47,7 @@ def analyse(
 
     with as_options("gravity_mps2"):
         made = analyse_surveys(surveys, calibration, gravity_mps2=gravity_mps2, gravity_std_mps2=gravity_std_mps2)
-    from highside.words import in_language
-
-    with in_language(language):
+    with speaking(language):
         show_watched(made, out)
 
 

@@ -26,7 +26,7 @@ def turntable(
     ],
     output: Annotated[Path, typer.Option("-o", "--output", help="Compensation (JSON) to write.")],
     largest_order: Annotated[int, typer.Option(min=0, max=12, help="Highest harmonic looked for.")] = 8,
-    language: PrintLanguage = "en",
+    language: PrintLanguage = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print as JSON.")] = False,
 ) -> None:
     """Fit a bench's encoder and axis errors, good at every inclination; `calibrate solve --turntable` uses them.
@@ -36,7 +36,7 @@ def turntable(
     from highside.api.turntable import fit_turntable
     from highside.recording.files import write_whole
 
-    with speaking(language, "commands"):
+    with speaking(language):
         found = fit_turntable(recording, largest_order=largest_order)
         made = found.compensation
         write_whole(output, made.to_json().encode())

@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from highside.cli.options import Language, as_options
+from highside.cli.options import Language, PrintLanguage, as_options, speaking
 from highside.cli.say import echo
 from highside.errors import InputError
 
 if TYPE_CHECKING:
+    from highside.api.calibration import Calibration
     from highside.api.surveys import AnalysedSurveys
     from highside.api.watch import WatchedRecording
 
@@ -67,7 +68,7 @@ def recording(
         typer.Option("--tool", metavar="ID", help="Whose recording it is: a record of another tool is refused."),
     ] = None,
     serial: Annotated[str | None, typer.Option("--serial", help="The same by serial number.")] = None,
-    language: Language = "en",
+    language: Language = None,
 ) -> None:
     """Say whether a calibration still holds in the hole, without a bench and without a reference.
 
@@ -87,9 +88,7 @@ def recording(
         given = {name: value for name, value in tool.items() if value is not None}
         made = watch_recording(file, calibration, gravity_g=gravity_g, tool=of_tool, serial=serial, **given)
     whose = f"under the record of tool {made.tool}; --tool says whose recording it is"
-    from highside.words import in_language
-
-    with in_language(language):
+    with speaking(language):
         show_watched(made, out, *((whose,) if of_tool is None and serial is None else ()))
 
 
@@ -132,6 +131,7 @@ def propose(
     store: Annotated[
         Path | None, typer.Option("--store", help="Or the store that holds it; the new record is kept there, too.")
     ] = None,
+    language: PrintLanguage = None,
 ) -> None:
     """Write a calibration record that corrects what departs, for a person to put in force.
 
@@ -167,8 +167,18 @@ def propose(
     made.save(output)
     if kept is not None:
         kept.add(made.record)
-    evidence = made.record.content["evidence"]
+    with speaking(language):
+        _show_proposed(made, output)
+
+
+def _show_proposed(made: Calibration, output: Path) -> None:
+    from highside.words import _
+
+    content = made.record.content
+    evidence = content["evidence"]
     size = evidence["size"][evidence["parameter"]]
-    echo(f"{output}: record {made.id[:12]} of tool {made.record.tool_id}, made in the hole, its parent")
-    echo(f"  {made.record.content['parent'][:12]}: {evidence['parameter']} {size['value']:+.3g} +- {size['std']:.2g}")
-    echo(f"not in force: highside calibrate activate {output} --store STORE; calibrate rollback takes it back")
+    named = {"file": output, "id": made.id[:12], "tool": made.record.tool_id}
+    echo(_("%(file)s: record %(id)s of tool %(tool)s, made in the hole, its parent", **named))
+    echo(f"  {content['parent'][:12]}: {evidence['parameter']} {size['value']:+.3g} +- {size['std']:.2g}")
+    command = f"highside calibrate activate {output} --store STORE"
+    echo(_("not in force: %(command)s; calibrate rollback takes it back", command=command))

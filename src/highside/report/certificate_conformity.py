@@ -142,5 +142,5 @@ def verdict_lines(inputs: Inputs) -> Sequence[str]:
     """As found and as left in a line each, for the terminal."""
     if inputs.fields.decision is None:
         return ()
-    pairs = (("as found", as_found(inputs)), ("as left", as_left(inputs)))
+    pairs = ((_("As found"), as_found(inputs)), (_("As left"), as_left(inputs)))
     return tuple(f"{title}: {one.found.text}" for title, one in pairs if one is not None)

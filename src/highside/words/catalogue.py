@@ -96,7 +96,7 @@ def told(text: str, of: str = "") -> str:
 
 LISTS = {
     "": (),
-    "commands": (*IMPORTING, *SETTINGS, *REFUSALS, *ROTATION, *DIAGNOSIS, *COMMANDS),
+    "commands": (*IMPORTING, *SETTINGS, *REFUSALS, *ROTATION, *DIAGNOSIS, *WATCH, *COMMANDS),
     "diagnosis": DIAGNOSIS,
     "importing": IMPORTING,
     "refusals": (*IMPORTING, *SETTINGS, *REFUSALS),

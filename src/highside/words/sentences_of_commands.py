@@ -1,10 +1,11 @@
 """Why a command refuses something: of a fleet, of rotation, and of what they read beside the lists of `refusals`. Told
-on the terminal by `cli.options.speaking`.
+on the terminal by `cli.options.refusal`.
 """
 
 from __future__ import annotations
 
 from highside.words.marks import said_later
+from highside.words.sentences_of_terminal import TERMINAL
 
 FLEET = (
     said_later("cannot be reached: %(why)s"),
@@ -92,4 +93,4 @@ ROTATIONS = (
 MODELS = (said_later('add a table [motion] with kind = "poses"'),)
 """Of a model (`config.model`)."""
 
-COMMANDS = (*FLEET, *ROTATIONS, *MODELS)
+COMMANDS = (*FLEET, *ROTATIONS, *MODELS, *TERMINAL)
