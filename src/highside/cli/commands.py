@@ -18,7 +18,7 @@ import typer
 from highside.cli import examples
 from highside.cli.guards import guard
 from highside.cli.loading import loading
-from highside.cli.options import as_options, asked_language, in_options
+from highside.cli.options import as_options, asked_language, refusal
 from highside.cli.say import echo
 from highside.errors import HighsideError
 from highside.printable import one_line
@@ -161,7 +161,9 @@ def run(arguments: list[str]) -> int:
             app = app_of(arguments[0] if arguments and arguments[0] in COMMANDS else None)
         return int(app(arguments, standalone_mode=False) or 0)
     except HighsideError as error:
-        echo(f"highside: {in_options(error)}", err=True)
+        # a service's refusals stand in its log, which is English
+        code = "en" if arguments[:1] == ["run"] else asked_language(arguments)
+        echo(f"highside: {refusal(error, code)}", err=True)
         return error.exit_status
     except BrokenPipeError:
         # the reader of our output went away (`| head`): not an error of ours

@@ -77,8 +77,8 @@ TOLD_KEPT = 4000
 """Sentences whose translation is remembered."""
 TOLD_MAX = 1000
 """Letters of what is looked up: no sentence of ours is as long."""
-NESTED_MAX = 4
-"""Sentences within sentences: a prompt has a way to turn in it, and a plan's title."""
+NESTED_MAX = 5
+"""Sentences within sentences: why a line of a file is none, of a file, of a command."""
 JOINED_MAX = 16
 """Parts of what was joined: of more none is told by itself."""
 _FIELD = re.compile(r"%\((\w+)\)s")

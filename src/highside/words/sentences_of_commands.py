@@ -5,6 +5,7 @@ on the terminal by `cli.options.refusal`.
 from __future__ import annotations
 
 from highside.words.marks import said_later
+from highside.words.sentences_of_others import OTHERS
 from highside.words.sentences_of_terminal import TERMINAL
 
 FLEET = (
@@ -93,4 +94,4 @@ ROTATIONS = (
 MODELS = (said_later('add a table [motion] with kind = "poses"'),)
 """Of a model (`config.model`)."""
 
-COMMANDS = (*FLEET, *ROTATIONS, *MODELS, *TERMINAL)
+COMMANDS = (*FLEET, *ROTATIONS, *MODELS, *TERMINAL, *OTHERS)
