@@ -27,6 +27,7 @@ from highside.web.access import COOKIE, COOKIE_MAX_AGE_S, Access
 from highside.web.front import Allowed, Front, HostNames
 from highside.web.language import LanguageSwitch
 from highside.web.listen import Server, listening, server_of
+from highside.web.loading import say_while_it_loads
 from highside.web.navigation import Link
 from highside.web.phone import reachable_host
 from highside.web.signin.acts import Person
@@ -138,6 +139,7 @@ class PageHost:
         self._viewers.add(client.id, commands=commands)
         self._pages[client.id] = (client, dict(request.scope))
         client.on_delete(lambda: self._forget(client.id))
+        say_while_it_loads()
         return client, commands
 
     def _forget(self, page: str) -> None:

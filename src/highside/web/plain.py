@@ -47,6 +47,11 @@ def form_of(body: bytes) -> dict[str, list[str]]:
         return {}
 
 
+def navigation_line(links: Sequence[Link], here: str = "") -> str:
+    """What leads to the other pages; `here`: the address of the one where it stands."""
+    return worded().get_template("plain/navigation.html").render(links=links, here=here)
+
+
 def person_line(tool: str | None = None) -> str:
     """Who is signed in, and how to sign out; nothing where nobody is. `tool`: whose page it is."""
     return worded().get_template("plain/person.html").render(viewer=viewer(), live_tool=tool)

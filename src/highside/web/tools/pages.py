@@ -18,7 +18,7 @@ from highside.config.mqtt import MqttSettings
 from highside.web.host import CONNECT_WITHIN_S, is_drawn, is_there
 from highside.web.language import language_line
 from highside.web.navigation import Link
-from highside.web.plain import person_line
+from highside.web.plain import navigation_line, person_line
 from highside.web.space import PAPER, draw_pipe, orientation
 from highside.web.tools.drawings import trend
 from highside.web.tools.state import History, Tools, ToolState
@@ -42,8 +42,9 @@ class Shown:
 
     def __init__(self, tools: Tools, listener: Listener, settings: MqttSettings, links: tuple[Link, ...] = ()) -> None:
         self.tools = tools
+        self.links = links
+        """to the other pages"""
         self._listener = listener
-        self._links = links
         self._where = f"{settings.host}:{settings.port}"
         self._lists: dict[str, tuple[object, str]] = {}
         self._pages: dict[tuple[str, str], tuple[object, ToolPage]] = {}
@@ -61,7 +62,7 @@ class Shown:
         language = viewer().language
         known = self._lists.get(language)
         if known is None or known[0] != key:
-            known = self._lists[language] = (key, list_page(self.tools, broker, now, self._links))
+            known = self._lists[language] = (key, list_page(self.tools, broker, now))
         return known[1]
 
     def page(self, tool: ToolState, now: float) -> ToolPage:
@@ -80,7 +81,7 @@ class ListView:
     def __init__(self, shown: Shown) -> None:
         self._shown = shown
         with ui.element("div").classes("tools-page"):
-            ui.html(person_line(), sanitize=False)
+            ui.html(navigation_line(shown.links, "/") + person_line(), sanitize=False)
             # made by templates that escape: nothing of it needs the browser's sanitiser
             self._place = ui.html("", sanitize=False)
             ui.html(language_line("/"), sanitize=False)
@@ -105,7 +106,7 @@ class ToolView:
         self._trend_at = -1e9
         self._history: History | None = None
         self._watch_chart: EChart | None = None
-        ui.html(person_line(tool.tool), sanitize=False)
+        ui.html(navigation_line(shown.links) + person_line(tool.tool), sanitize=False)
         with ui.element("div").classes("tool-page"):
             self._section("head", _("what is going on"))
             self._section("figures", _("inclination and toolface"))

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import datetime as dt
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -15,7 +14,6 @@ from typing import Any
 from jinja2 import Environment
 
 from highside.service.alarms import ALARMS
-from highside.web.navigation import Link
 from highside.web.tools.drawings import dial
 from highside.web.tools.state import (
     PARAMETERS_MAX,
@@ -97,8 +95,8 @@ class ToolPage:
     watch: str
 
 
-def list_page(tools: Tools, broker: Broker, now: float, links: Sequence[Link] = ()) -> str:
-    """The start page: every tool in a row, those that need attention first; `links` to the other pages."""
+def list_page(tools: Tools, broker: Broker, now: float) -> str:
+    """The start page: every tool in a row, those that need attention first."""
     rows = [_list_row(tool, now) for tool in tools.in_order(now)]
     count = sum(row["attention"] for row in rows)
     if not rows:
@@ -108,7 +106,7 @@ def list_page(tools: Tools, broker: Broker, now: float, links: Sequence[Link] = 
     else:
         said = several("%(count)s of %(tools)s needs attention.", "%(count)s of %(tools)s need attention.", count)
         said = said % {"count": count, "tools": _tools(len(rows))}
-    return _render("list.html", rows=rows, said=said, broker=broker, refused=tools.refused, links=links)
+    return _render("list.html", rows=rows, said=said, broker=broker, refused=tools.refused)
 
 
 def tool_page(tool: ToolState, broker: Broker, now: float) -> ToolPage:
