@@ -69,11 +69,9 @@ class FirefoxPage:
         await self.command("browsingContext.setViewport", context=self._tab, viewport=size, devicePixelRatio=1)
 
     async def evaluate(self, expression: str) -> Any:
-        """The value of an expression, of plain types."""
-        said = await self.command(
-            "script.evaluate", expression=f"JSON.stringify({expression} ?? null)", target={"context": self._tab},
-            awaitPromise=True,
-        )  # fmt: skip
+        """The value of an expression, of plain types; of a promise, what it gives."""
+        asked = f"Promise.resolve({expression}).then((value) => JSON.stringify(value ?? null))"
+        said = await self.command("script.evaluate", expression=asked, target={"context": self._tab}, awaitPromise=True)
         assert said["type"] == "success", said
         return json.loads(said["result"]["value"])
 

@@ -2,10 +2,11 @@
 
     python tests/integration/people_walk.py [--browser chromium|firefox|both] [--shots DIR]
 
-On every page at three widths: nothing is wider than the screen, no control lies over another or cuts its words off, axe
-finds nothing, nobody else is asked, the browser says no error; with the cable pulled at that width nothing that is sent
-leaves the page. What the page is made of (headings, cards, tables, controls, in order, with the places of what fills
-the width) is compared: Firefox's with Chromium's of the same run, and Chromium's with `pictures/pages.json`
+With the keyboard alone, but for the choice of a file, which is the system's. On every page at three widths: nothing is
+wider than the screen, no control lies over another or cuts its words off, the Tab key reaches each, marks it and shows
+it, axe finds nothing, nobody else is asked, the browser says no error; with the cable pulled at that width nothing that
+is sent leaves the page. What the page is made of (headings, cards, tables, controls, in order, with the places of what
+fills the width) is compared: Firefox's with Chromium's of the same run, and Chromium's with `pictures/pages.json`
 (`test_people_walk`; `HIGHSIDE_RENEW_PICTURES=1` writes it). Points are not compared: fonts differ between machines, and
 a picture that may differ in every letter shows no fault. Ends with 1 where it finds one.
 """
@@ -28,6 +29,7 @@ import aiomqtt
 import axe_playwright_python
 from axe_walk import kept
 from bench_page import chromium
+from by_keys import ENTER, TAB, reach, tabbed
 from firefox import FIREFOX, FirefoxPage, firefox
 from playwright.async_api import Error as PlaywrightError
 from playwright.async_api import Page
@@ -97,10 +99,10 @@ class Face(Protocol):
     async def size(self, width: int, height: int) -> None: ...
     async def evaluate(self, expression: str) -> Any: ...
     async def until(self, expression: str, within_s: float = 60.0) -> None: ...
-    async def click(self, selector: str) -> None: ...
     async def keys(self, text: str) -> None: ...
     async def choose(self, selector: str, file: Path) -> None: ...
     async def picture(self, path: Path) -> None: ...
+    async def cable(self, *, pulled: bool) -> None: ...
 
 
 class ChromiumFace:
@@ -147,18 +149,19 @@ class ChromiumFace:
                         return
                 await asyncio.sleep(0.1)
 
-    async def click(self, selector: str) -> None:
-        await self.page.click(selector)
-
     async def keys(self, text: str) -> None:
-        for part in re.split("(\ue007)", text):
-            await (self.page.keyboard.press("Enter") if part == "\ue007" else self.page.keyboard.type(part))
+        for part in re.split(f"([{TAB}{ENTER}])", text):
+            name = {TAB: "Tab", ENTER: "Enter"}.get(part)
+            await (self.page.keyboard.type(part) if name is None else self.page.keyboard.press(name))
 
     async def choose(self, selector: str, file: Path) -> None:
         await self.page.set_input_files(selector, file)
 
     async def picture(self, path: Path) -> None:
         await self.page.screenshot(path=str(path), full_page=True)
+
+    async def cable(self, *, pulled: bool) -> None:
+        await self.page.context.set_offline(pulled)
 
 
 class FirefoxFace(FirefoxPage):
@@ -174,6 +177,10 @@ class FirefoxFace(FirefoxPage):
         at = {"sharedId": found["result"]["sharedId"]}
         await self.command("input.setFiles", context=self._tab, element=at, files=[str(file)])
 
+    async def cable(self, *, pulled: bool) -> None:
+        conditions = {"type": "offline"} if pulled else None
+        await self.command("emulation.setNetworkConditions", networkConditions=conditions, contexts=[self._tab])
+
 
 @dataclass
 class Walk:
@@ -185,6 +192,7 @@ class Walk:
     """without axe, and without what a child process has to work for"""
     widths: tuple[int, ...] = WIDTHS
     looked: int = 0
+    tabs: int = 0
     cut: int = 0
     faults: list[str] = field(default_factory=list)
     seen: dict[str, Skeleton] = field(default_factory=dict)
@@ -205,6 +213,9 @@ class Walk:
                 said = await self.face.evaluate("axe.run().then((all) => all.violations)")
                 found += [f"{one['id']}: {node['html'][:140]}" for one in said for node in one["nodes"]]
             self.seen[where] = masked(await self.face.evaluate(SKELETON))
+            reached, astray = await tabbed(self.face)
+            found += astray
+            self.tabs += reached
             self.faults += [f"{self.face.name}: {where}: {one}" for one in found]
             self.looked += 1
             if self.shots is not None:
@@ -212,24 +223,32 @@ class Walk:
                     self.shots / f"{self.face.name}-{where.replace(', ', '-').replace(' ', '-')}.png"
                 )
 
+    async def press(self, selector: str) -> None:
+        """A button or a link."""
+        await reach(self.face, selector)
+        await self.face.keys(ENTER)
+
     async def pull_the_cable(self, name: str, selector: str) -> None:
         """At each width a form is sent without a link: it is told, the page and what is written in it stay."""
-        if not isinstance(self.face, ChromiumFace):
-            return
         for width in self.widths:
             await self.face.size(width, 900)
             before = await self.face.evaluate(WRITTEN)
-            await self.face.page.context.set_offline(True)
-            await self.face.click(selector)
+            await reach(self.face, selector)
+            # what was told at another width
+            await self.face.evaluate("document.querySelectorAll('[data-told]').forEach((line) => line.remove())")
+            await self.face.cable(pulled=True)
+            await self.face.keys(ENTER)
             try:
                 await self.face.until("document.querySelector('[data-told=lost]')", 30.0)
                 if await self.face.evaluate(WRITTEN) != before:
-                    self.faults.append(f"{name}, {width}: what was written is gone without a link")
+                    self.faults.append(f"{self.face.name}: {name}, {width}: what was written is gone without a link")
                 wide = await self.face.evaluate("document.scrollingElement.scrollWidth - window.innerWidth")
-                self.faults += [f"{name}, {width}: {wide} px wider without a link"] if wide > 0 else []
+                self.faults += (
+                    [f"{self.face.name}: {name}, {width}: {wide} px wider without a link"] if wide > 0 else []
+                )
             except TimeoutError:
-                self.faults.append(f"{name}, {width}: nothing is told without a link")
-            await self.face.page.context.set_offline(False)
+                self.faults.append(f"{self.face.name}: {name}, {width}: nothing is told without a link")
+            await self.face.cable(pulled=False)
             self.cut += 1
 
 
@@ -272,12 +291,12 @@ async def signs_in(walk: Walk, at: str, name: str) -> None:
     """By the keyboard."""
     await walk.face.goto(f"{at}sign-in")
     if await walk.face.evaluate("!!document.querySelector('form.person button')"):
-        await walk.face.click("form.person button")
+        await walk.press("form.person button")
         await walk.face.until(SIGNED_OUT)
-    await walk.face.click("#name")
+    await reach(walk.face, "#name")
     await walk.face.keys(name)
-    await walk.face.click("#password")
-    await walk.face.keys(f"{PASSWORD} of {name}\ue007")
+    await reach(walk.face, "#password")
+    await walk.face.keys(f"{PASSWORD} of {name}{ENTER}")
     await walk.face.until("document.querySelector('.person')")
 
 
@@ -285,9 +304,9 @@ async def technician(walk: Walk, at: str, port: int, folder: Path) -> None:
     """Begins sessions, finds those that are over."""
     await walk.face.goto(f"{at}sign-in")
     await walk.look("technician: sign in", "document.querySelector('#name')")
-    await walk.face.click("#name")
+    await reach(walk.face, "#name")
     await walk.face.keys("F. Force")
-    await walk.face.click("#password")
+    await reach(walk.face, "#password")
     await walk.face.keys(f"{PASSWORD} of F. Force")
     await walk.pull_the_cable("technician: sign in", "main form button")
     await signs_in(walk, at, "F. Force")
@@ -296,7 +315,7 @@ async def technician(walk: Walk, at: str, port: int, folder: Path) -> None:
     await walk.pull_the_cable("technician: bench", "[aria-label='six.toml'] form.form button")
     await walk.face.goto(f"{at}sessions")
     await walk.look("technician: sessions")
-    await walk.face.click("tbody a")
+    await walk.press("tbody a")
     await walk.look("technician: session", "location.pathname.length > 12")
 
 
@@ -343,9 +362,9 @@ async def engineer(walk: Walk, at: str, port: int, folder: Path) -> None:
         await walk.face.goto(f"{at}{path}")
         await walk.look(f"engineer: {name}")
         await walk.pull_the_cable(f"engineer: {name}", button)
-    await walk.face.click("#text")
+    await reach(walk.face, "#text")
     await walk.face.keys("nonsense = 1 #")
-    await walk.face.click("button[value=check]")
+    await walk.press("button[value=check]")
     await walk.look("engineer: configuration refused", "document.querySelector('main > .alarm')")
     await walk.face.goto(f"{at}diagnosis")
     await walk.look("engineer: diagnosis")
@@ -356,9 +375,9 @@ async def engineer(walk: Walk, at: str, port: int, folder: Path) -> None:
     for name, head in (("open", "a,b,c,d\n"), ("looked at", "t_s,ax_g,ay_g,az_g\n")):
         await asyncio.to_thread(file.write_text, head + rows)
         await walk.face.choose("#recording", file)
-        await walk.face.click("form[action='/diagnosis/file'] button")
+        await walk.press("form[action='/diagnosis/file'] button")
         await walk.look(f"engineer: file {name}", "document.querySelector('[data-stage=looked]')")
-        await walk.face.click("main button.quiet")
+        await walk.press("main button.quiet")
         await walk.face.until("document.querySelector('#recording')")
 
 
@@ -419,7 +438,10 @@ def main() -> int:
     if len(walks) == 2:
         faults += [f"firefox beside chromium: {one}" for one in differences(walks[0].seen, walks[1].seen)]
     for walk in walks:
-        print(f"{walk.face.name}: {walk.looked} pages looked at, the cable pulled {walk.cut} times")
+        print(
+            f"{walk.face.name}: {walk.looked} pages looked at, {walk.tabs} controls reached by the Tab key, "
+            f"the cable pulled {walk.cut} times"
+        )
     print(f"{len(faults)} faults", *(f"  {one}" for one in faults), sep="\n")
     return 1 if faults else 0
 
