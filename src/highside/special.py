@@ -10,9 +10,10 @@ imported whole.
 from __future__ import annotations
 
 import sys
+import threading
 from collections.abc import Sequence
 from importlib import import_module
-from importlib.abc import MetaPathFinder
+from importlib.abc import Loader, MetaPathFinder
 from importlib.machinery import ModuleSpec, PathFinder
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
@@ -79,25 +80,71 @@ class _Completing(MetaPathFinder):
         return spec
 
 
-def _compiled() -> Any:
-    """scipy's module of compiled functions, imported beside its package; the package where that cannot be."""
-    if _PACKAGE not in sys.modules:
-        import scipy
+class _FoundError(ImportError):
+    """The compiled module is there, and nothing more of the package is wanted."""
 
-        folder = ModuleType(_PACKAGE)
-        folder.__path__ = [f"{path}/special" for path in scipy.__path__]
-        sys.modules[_PACKAGE] = folder
+
+class _Beside(MetaPathFinder, Loader):
+    """Imports the compiled module alone in the place of its package.
+
+    It does so as the import of the package by one thread, which then is broken off: whoever else imports the package
+    meanwhile waits until that is over, as for any import, and then imports it whole. (Python itself does not wait for a
+    package whose private module is imported by name: in that moment it may be found half there.)
+    """
+
+    def __init__(self) -> None:
+        self._thread = threading.get_ident()
+
+    def find_spec(
+        self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
+    ) -> ModuleSpec | None:
+        if fullname != _PACKAGE or threading.get_ident() != self._thread:
+            return None
+        spec = ModuleSpec(fullname, self, is_package=True)
+        spec.submodule_search_locations = [f"{folder}/special" for folder in path or ()]
+        return spec
+
+    def create_module(self, spec: ModuleSpec) -> ModuleType:
+        return _BrokenOff(spec.name)
+
+    def exec_module(self, module: ModuleType) -> None:
         try:
             found = import_module(f"{_PACKAGE}._ufuncs")
             if all(hasattr(found, name) for name in __all__):
                 sys.meta_path.insert(0, _Completing())
-                return found
+                raise _FoundError
+        finally:
+            module.__dict__["over"] = True
+
+
+class _BrokenOff(ModuleType):
+    """The package while it is imported for its compiled module alone. Who took hold of it meanwhile and waited for the
+    end of that import has the package by it."""
+
+    def __getattr__(self, name: str) -> Any:
+        if "over" not in self.__dict__:
+            raise AttributeError(f"module {_PACKAGE!r} has no attribute {name!r} yet")
+        return getattr(import_module(_PACKAGE), name)
+
+
+def _compiled() -> Any:
+    """scipy's module of compiled functions, imported beside its package; the package where that cannot be."""
+    if _PACKAGE not in sys.modules:
+        beside = _Beside()
+        sys.meta_path.insert(0, beside)
+        try:
+            import_module(_PACKAGE)
+        except _FoundError:
+            return sys.modules[f"{_PACKAGE}._ufuncs"]
         except ImportError:
             pass
         finally:
+            sys.meta_path.remove(beside)
+        if isinstance(sys.modules.get(_PACKAGE), _BrokenOff):
             del sys.modules[_PACKAGE]
     return import_module(_PACKAGE)
 
 
 if not TYPE_CHECKING:
-    globals().update({name: getattr(_compiled(), name) for name in __all__})
+    _functions = _compiled()
+    globals().update({name: getattr(_functions, name) for name in __all__})

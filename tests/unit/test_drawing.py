@@ -9,6 +9,7 @@ import subprocess
 import sys
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator
+from types import SimpleNamespace
 
 import matplotlib.image
 import numpy as np
@@ -16,6 +17,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
+from highside.report.diagnosis_figures import law_surface
 from highside.report.drawing import Area, Bar, Level, Line, Panel, Picture, Points, Strip, Surface, Words
 from highside.report.drawing.letters import width
 from highside.report.drawing.marks import coloured, png
@@ -186,6 +188,126 @@ def test_an_image_is_read_by_another_program_as_it_was() -> None:
 def test_colours_run_from_one_end_to_the_other() -> None:
     got = coloured(np.array([[-2.0, -1.0, 0.0, 1.0, 5.0]]), -1.0, 1.0, ("#ff0000", "#ffffff", "#0000ff"))
     assert got[0].tolist() == [[255, 0, 0], [255, 0, 0], [255, 255, 255], [0, 0, 255], [0, 0, 255]]
+
+
+LARGEST = float(np.finfo(float).max)
+anything = st.floats(allow_nan=True, allow_infinity=True)
+
+
+@given(st.lists(anything, min_size=3, max_size=8), st.booleans(), anything)
+@example([-LARGEST, 0.0, LARGEST], False, 1.0)
+@example([5e-324, 1.0, LARGEST], True, 1.0)
+@example([-1.2e308, 1.1e308, 1e308], False, 1e308)
+@example([0.0, 5e-324, 1e-323], False, 0.0)
+@example([2e-310, 2e-310, 2e-310], True, 0.0)
+def test_whatever_the_values_every_mark_is_drawn_within_the_picture(values: list[float], log: bool, one: float) -> None:
+    y, x = np.array(values), np.arange(float(len(values)))
+    with np.errstate(over="ignore", invalid="ignore"):
+        marks = (
+            Line(x, y, dots=2.0), Line(y, x), Points(y, y), Area(x, y, y[::-1], "#333333", 0.2), Level(one, "#222222"),
+            Strip(one, values[0], "#111111", 0.1), Strip(one, values[0], "#111111", 0.1, upright=True),
+        )  # fmt: skip
+        svg = drawn(*marks, title="a", x_label="b", y_label="c", log=log)
+    written = ET.tostring(svg, encoding="unicode")
+    assert not re.search(r"nan|inf", written)
+    for path in svg.iter(f"{SVG}path"):
+        for a, b in re.findall(r"([-\d.]+),([-\d.]+)", path.get("d") or ""):
+            assert -0.1 <= float(a) <= 5 * 72 + 0.1 and -0.1 <= float(b) <= 2 * 72 + 0.1
+
+
+@pytest.mark.parametrize(
+    ("low", "high"),
+    [(-LARGEST, LARGEST), (0.0, LARGEST), (-1.2e308, 1.1e308), (1e-320, 9e-320), (-3e-310, 1e-309), (1e250, 4e250)],
+)
+def test_numbers_at_the_ends_of_what_a_number_can_be_are_where_they_say(low: float, high: float) -> None:
+    scale = Scale(low, high, 0.0, 200.0)
+    ticks = scale.ticks(30.0)
+    assert 3 <= len(ticks.at) <= MOST + 1 and np.isfinite(ticks.at).all()
+    said = [value_of(words, ticks.factor) for words in ticks.words]
+    assert said == pytest.approx(list(ticks.at), rel=1e-3, abs=0.0)
+    at = scale(np.array([low, low / 2 + high / 2, high]))
+    assert at.tolist() == pytest.approx([0.0, 100.0, 200.0], abs=0.2)
+
+
+def test_a_surface_that_is_nothing_anywhere_has_the_colour_of_nothing() -> None:
+    x = np.linspace(0.0, 1.0, 4)
+    law = LawOfNothing(std=0.25)
+    svg = ET.fromstring(law_surface(law).svg())  # type: ignore[arg-type]
+    of_law = images(svg)[0][0]
+    assert len(list(svg.iter(f"{SVG}image"))) == 4  # each beside its colours
+    assert np.ptp(of_law, axis=(0, 1)).max() == 0 and of_law[0, 0] == pytest.approx([0.957] * 3, abs=0.01)
+    numbers = {t.text for t in svg.iter(f"{SVG}text")}
+    assert "200" in numbers and not re.search("nan|inf", ET.tostring(svg, encoding="unicode"))
+    # nothing known at all: the same, and what is no number is grey
+    svg = ET.fromstring(law_surface(LawOfNothing(std=0.0)).svg())  # type: ignore[arg-type]
+    assert [np.ptp(rgb, axis=(0, 1)).max() for rgb, (wide, _) in images(svg) if wide > 20] == [0, 0]
+    values = np.array([[np.nan, 0.0], [np.inf, -np.inf]])
+    assert coloured(values, -1.0, 1.0, ("#000000", "#ffffff")).tolist() == [
+        [[128, 136, 144], [128, 128, 128]],
+        [[255] * 3, [0] * 3],
+    ]
+    # a range that is longer than the largest number
+    svg = drawn(Surface(x, x, np.full((4, 4), LARGEST), -LARGEST, LARGEST, ("#000000", "#ffffff")))
+    assert images(svg)[0][0].min() == 1.0 and "nan" not in ET.tostring(svg, encoding="unicode")
+
+
+class LawOfNothing:
+    """A law of two covariates whose value is zero wherever it is known."""
+
+    axes = (SimpleNamespace(low=0.0, high=1.0), SimpleNamespace(low=0.0, high=1.0))
+    at = SimpleNamespace(unit="g")
+    depends_on = ("temp_c", "t_s")
+
+    def __init__(self, std: float) -> None:
+        self._std = std
+
+    def value(self, at: list[np.ndarray]) -> np.ndarray:
+        return np.zeros(at[0].size)
+
+    def std(self, at: list[np.ndarray]) -> np.ndarray:
+        return np.full(at[0].size, self._std)
+
+
+def images(svg: ET.Element) -> list[tuple[np.ndarray, tuple[float, float]]]:
+    """Red, green and blue (0 to 1) of each image of a picture, and its width and height, pt."""
+    found = []
+    for image in svg.iter(f"{SVG}image"):
+        data = base64.b64decode((image.get("href") or "").split(",")[1])
+        read = matplotlib.image.imread(io.BytesIO(data), format="png")[..., :3]
+        found.append((read, (float(image.get("width") or 0), float(image.get("height") or 0))))
+    return found
+
+
+def test_long_names_are_cut_short_and_leave_the_axes_their_room() -> None:
+    long = [f"{k} " + "reference_voltage_" * 9 for k in range(3)]
+    assert all(len(name) >= 164 for name in long)
+    x = np.arange(3.0)
+    bars = drawn(*(Bar(k, 0.0, k + 1.0, "#aa0000") for k in range(3)), y_names=long)
+    assert min(float(r.get("width") or 0) for r in bars.iter(f"{SVG}rect")) > 30.0
+    lines = drawn(
+        Line(x, x, "#aa0000", long[0]), Line(x, x, "#00aa00", "short"), Points(x, x, "#0000aa", long[1]),
+        x_names=long, title=long[0], x_label=long[1], y_label=long[2], legend=True,
+    )  # fmt: skip
+    for svg in (bars, lines):
+        for words in svg.iter(f"{SVG}text"):
+            start, end = span(words)
+            assert start >= -1.0 and end <= 5 * 72 + 1.0, words.text
+        # whole where the pointer rests on it
+        assert {t.text for t in svg.iter(f"{SVG}title")} >= set(long) - {""}
+    (axes,) = [p.get("d") or "" for p in lines.iter(f"{SVG}path") if p.get("stroke-width") == "0.8"]
+    left, top, foot, right = map(float, re.match(r"M([\d.]+),([\d.]+)V([\d.]+)H([\d.]+)", axes).groups())  # type: ignore[union-attr]
+    assert right - left > 150.0 and foot - top > 20.0
+    assert "short" in {t.text for t in lines.iter(f"{SVG}text")}
+
+
+def span(words: ET.Element) -> tuple[float, float]:
+    """From where to where words reach, pt: along x, of those that stand upright in height."""
+    size, own = float(words.get("font-size") or 0), width(words.text or "", float(words.get("font-size") or 0))
+    turned = re.match(r"rotate\((-?\d+)", words.get("transform") or "rotate(0")
+    along = np.cos(np.radians(float(turned[1]))) if turned else 1.0
+    share = {"start": 0.0, "middle": 0.5, "end": 1.0}[words.get("text-anchor") or "start"]
+    x = float(words.get("x") or 0)
+    return x - share * own * along - (size if along == 0 else 0), x + (1 - share) * own * along
 
 
 def test_an_empty_panel_is_drawn() -> None:

@@ -68,3 +68,43 @@ def test_a_scipy_that_is_laid_out_differently_is_imported_whole() -> None:
         "assert highside.special.chdtrc is abs\n"
     )
     assert ended_well(renamed)
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        "from scipy.special import gamma; assert gamma(4.0) == 6.0",
+        "from scipy import special; assert special.gamma(4.0) == 6.0",
+        "import scipy.special; assert scipy.special.gamma(4.0) == 6.0",
+        "import scipy.special._ufuncs as compiled; assert compiled.gamma(4.0) == 6.0",
+        "import scipy.stats; assert scipy.stats.norm.cdf(0.0) == 0.5",
+        "import highside.special; assert highside.special.erfc(0.0) == 1.0",
+    ],
+)
+def test_another_thread_may_import_the_package_meanwhile(other: str) -> None:
+    """It begins in the middle of the import, for which the compiled module takes its time, and finds all there is."""
+    assert ended_well(f"""
+import sys, threading, time
+failed, begun = [], threading.Event()
+def other():
+    begun.wait(30)
+    try:
+        {other}
+    except BaseException as error:
+        failed.append(repr(error))
+class Slow:
+    def find_spec(self, name, path=None, target=None):
+        if name == "scipy.special._ufuncs" and not begun.is_set():
+            begun.set()
+            time.sleep(0.4)
+import scipy
+sys.meta_path.insert(0, Slow())
+thread = threading.Thread(target=other)
+thread.start()
+import highside.special
+thread.join(30)
+assert begun.is_set() and not thread.is_alive() and not failed, failed
+import scipy.special
+assert [n for n in highside.special.__all__ if getattr(scipy.special, n) is not getattr(highside.special, n)] == []
+assert scipy.special.__file__ and type(sys.modules["scipy.special"]) is type(sys)
+""")

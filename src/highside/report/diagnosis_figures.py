@@ -139,7 +139,9 @@ def law_surface(law: Law) -> Picture:
     u, v = (np.linspace(axis.low, axis.high, SURFACE) for axis in (first, second))
     at = [np.repeat(u, v.size), np.tile(v, u.size)]
     value, std = (np.asarray(f(at), dtype=float).reshape(u.size, v.size).T for f in (law.value, law.std))
-    top = float(np.abs(value).max())
+    sizes = np.abs([value, std])
+    # a law that is nothing anywhere is of the middle colour, and its deviation has a scale of its own
+    top = next((float(t) for t in (_largest(sizes[0]), _largest(sizes[1])) if t > 0.0), 1.0)
     size, unit = scale_of(top, law.at.unit)
     names = [f"{told(c.title)}, {c.unit}".rstrip(", ") for c in map(covariate_of, law.depends_on[:2])]
     for panel, values, word, colours, low in (
@@ -150,6 +152,10 @@ def law_surface(law: Law) -> Picture:
         panel.title = f"{word}, {unit}".rstrip(", ")
         panel.x_label, panel.y_label = names[0], names[1]
     return picture
+
+
+def _largest(values: Array) -> float:
+    return float(np.max(values, where=np.isfinite(values), initial=0.0))
 
 
 BOTH_SIGNS = ("#1f5f9f", "#7fb2e0", "#f4f4f4", "#ecb27c", "#b0560f")

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from typing import Literal
-from xml.etree.ElementTree import Element
+from xml.etree.ElementTree import Element, SubElement
 
-__all__ = ["LABEL", "LEGEND", "TICK", "TITLE", "Anchor", "raised", "text", "width"]
+__all__ = ["LABEL", "LEGEND", "TICK", "TITLE", "Anchor", "raised", "text", "width", "within"]
 
 TITLE, LABEL, LEGEND, TICK = 9.0, 8.0, 8.0, 7.5
 """sizes of letters, pt"""
 Anchor = Literal["start", "middle", "end"]
+ELLIPSIS = "\N{HORIZONTAL ELLIPSIS}"
 _NARROW, _WIDE = frozenset("iIjl.,:;'|!()[] ft"), frozenset("mwMW@%")
 _RAISED = str.maketrans(
     "-0123456789",
@@ -25,17 +27,38 @@ def width(words: str, size: float) -> float:
     return size * ems
 
 
+def within(words: str, size: float, most: float) -> str:
+    """Words that are about `most` pt wide or less: of longer ones the beginning and an ellipsis."""
+    if width(words, size) <= most:
+        return words
+    kept = words
+    while kept and width(kept + ELLIPSIS, size) > most:
+        kept = kept[:-1]
+    return kept.rstrip() + ELLIPSIS
+
+
 def raised(power: int) -> str:
     """A power of ten."""
     return "10" + str(power).translate(_RAISED)
 
 
-def text(x: float, y: float, words: str, size: float, anchor: Anchor = "start", turned: float = 0.0) -> Element:
-    """Words whose baseline begins, is centred or ends at a point, turned by degrees clockwise about it."""
+def text(
+    x: float,
+    y: float,
+    words: str,
+    size: float,
+    anchor: Anchor = "start",
+    turned: float = 0.0,
+    most: float = math.inf,
+) -> Element:
+    """Words whose baseline begins, is centred or ends at a point, turned by degrees clockwise about it; those that are
+    wider than `most` pt are cut short, and whole where the pointer rests on them."""
     made = Element("text", {"x": f"{x:.1f}", "y": f"{y:.1f}", "font-size": f"{size:g}"})
     if anchor != "start":
         made.set("text-anchor", anchor)
     if turned:
         made.set("transform", f"rotate({turned:g} {x:.1f} {y:.1f})")
-    made.text = words
+    made.text = within(words, size, most)
+    if made.text != words:
+        SubElement(made, "title").text = words
     return made

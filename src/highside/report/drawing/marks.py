@@ -21,6 +21,8 @@ __all__ = ["INK", "Area", "Bar", "Level", "Line", "Mark", "Points", "Strip", "Su
 INK = "currentColor"
 """the colour of the page's text"""
 DASHES = "4 2"
+UNKNOWN = (128.0, 136.0, 144.0)
+"""red, green and blue of what is no number"""
 NONE = np.zeros(0)
 
 
@@ -54,8 +56,7 @@ class Line:
     def svg(self, x: Scale, y: Scale) -> Iterator[Element]:
         at, up = x(self.x), y(self.y)
         known = np.isfinite(at) & np.isfinite(up)
-        runs = np.split(np.arange(at.size), np.flatnonzero(~known))
-        paths = ("M" + _points(at[k], up[k], "L") for k in (r[known[r]] for r in runs) if k.size)
+        paths = ("M" + _points(at[k], up[k], "L") for k in _runs(known))
         yield stroked("".join(paths), self.colour, self.width, dashed=self.dashed)
         if self.dots:
             yield _dots(at[known], up[known], self.colour, self.dots, 1.0)
@@ -91,7 +92,7 @@ class Points:
 
 @dataclass(frozen=True, slots=True)
 class Area:
-    """Between two lines (N,) over x (N,)."""
+    """Between two lines (N,) over x (N,); it has a gap where one of them is no number."""
 
     x: Array
     low: Array
@@ -103,9 +104,11 @@ class Area:
         return np.asarray(self.x), np.concatenate([self.low, self.high])
 
     def svg(self, x: Scale, y: Scale) -> Iterator[Element]:
-        at = np.concatenate([self.x, self.x[::-1]])
-        around = np.concatenate([self.low, self.high[::-1]])
-        path = f"M{_points(x(at), y(around), 'L')}Z"
+        at, low, high = x(self.x), y(self.low), y(self.high)
+        path = ""
+        for k in _runs(np.isfinite(at) & np.isfinite(low) & np.isfinite(high)):
+            there, back = _points(at[k], low[k], "L"), _points(at[k][::-1], high[k][::-1], "L")
+            path += f"M{there}L{back}Z"
         yield Element("path", {"d": path, "fill": self.colour, "fill-opacity": f"{self.alpha:g}"})
 
 
@@ -124,6 +127,8 @@ class Level:
         return (own, NONE) if self.upright else (NONE, own)
 
     def svg(self, x: Scale, y: Scale) -> Iterator[Element]:
+        if not np.isfinite(x(self.at) if self.upright else y(self.at)):
+            return
         path = (
             f"M{x(self.at):.1f},{y.start:.1f}V{y.end:.1f}"
             if self.upright
@@ -147,10 +152,12 @@ class Strip:
         return (own, NONE) if self.upright else (NONE, own)
 
     def svg(self, x: Scale, y: Scale) -> Iterator[Element]:
-        if self.upright:
-            box = _box(x(self.low), y.start, x(self.high), y.end)
-        else:
-            box = _box(x.start, y(self.low), x.end, y(self.high))
+        if np.isnan([self.low, self.high]).any():
+            return
+        # to the border of the panel where there is no end, or none that its scale knows
+        along = x if self.upright else y
+        low, high = (float(along(min(max(v, along.low), along.high))) for v in (self.low, self.high))
+        box = _box(low, y.start, high, y.end) if self.upright else _box(x.start, low, x.end, high)
         yield Element("rect", {**box, "fill": self.colour, "fill-opacity": f"{self.alpha:g}"})
 
 
@@ -169,6 +176,8 @@ class Bar:
         return np.array([self.low, self.high]), np.array([self.row - half, self.row + half])
 
     def svg(self, x: Scale, y: Scale) -> Iterator[Element]:
+        if not np.isfinite([self.low, self.high]).all():
+            return
         half = self.thick / 2
         box = _box(x(self.low), y(self.row - half), x(self.high), y(self.row + half))
         yield Element("rect", {**box, "fill": self.colour})
@@ -186,12 +195,15 @@ class Words:
         return np.array([self.x]), np.array([self.y])
 
     def svg(self, x: Scale, y: Scale) -> Iterator[Element]:
+        if not np.isfinite([x(self.x), y(self.y)]).all():
+            return
         yield text(float(x(self.x)) + 5.0, float(y(self.y)) + 0.35 * LABEL, self.words, LABEL)
 
 
 @dataclass(frozen=True, slots=True)
 class Surface:
-    """Colours of values (M, N) at evenly spaced y (M,) and x (N,): from those of `low` to those of `high`."""
+    """Colours of values (M, N) at evenly spaced y (M,) and x (N,): from those of `low` to those of `high`; what is no
+    number is grey."""
 
     x: Array
     y: Array
@@ -216,9 +228,12 @@ class Surface:
 def coloured(values: Array, low: float, high: float, colours: Sequence[str]) -> np.ndarray:
     """(M, N) -> (M, N, 3) red, green and blue, between the nearest two of the colours."""
     steps = np.array([[int(c[k : k + 2], 16) for k in (1, 3, 5)] for c in colours], dtype=float)
-    along = np.clip((values - low) / ((high - low) or 1.0), 0.0, 1.0) * (len(colours) - 1)
+    # halves: the range may be longer than the largest number
+    share = (np.asarray(values) / 2 - low / 2) / ((high / 2 - low / 2) or 1.0)
+    along = np.clip(share, 0.0, 1.0) * (len(colours) - 1)
     at = np.arange(len(colours))
-    return np.stack([np.interp(along, at, steps[:, k]) for k in range(3)], axis=-1).round().astype(np.uint8)
+    mixed = np.stack([np.interp(along, at, steps[:, k]) for k in range(3)], axis=-1)
+    return np.where(np.isnan(along)[..., None], UNKNOWN, mixed).round().astype(np.uint8)
 
 
 def png(pixels: np.ndarray) -> str:
@@ -259,6 +274,14 @@ def _box(x0: float | Array, y0: float | Array, x1: float | Array, y1: float | Ar
 
 def _points(at: Array, up: Array, between: str) -> str:
     return between.join(f"{a:.1f},{b:.1f}" for a, b in zip(at.tolist(), up.tolist(), strict=True))
+
+
+def _runs(known: np.ndarray) -> Iterator[np.ndarray]:
+    """Which points follow one another without a gap: (N,) truth values to the places of each run."""
+    for run in np.split(np.arange(known.size), np.flatnonzero(~known)):
+        own = run[known[run]]
+        if own.size:
+            yield own
 
 
 def _dots(at: Array, up: Array, colour: str, size: float, alpha: float) -> Element:

@@ -50,6 +50,8 @@ class Panel:
     x_names: Sequence[str] = ()
     y_names: Sequence[str] = ()
     x_limits: tuple[float, float] | None = None
+    widest: tuple[float, float] = (math.inf, math.inf)
+    """pt that the longest of `x_names` and of `y_names` may take: as much as the picture has room for"""
 
     def add(self, *marks: Mark) -> None:
         self.marks.extend(marks)
@@ -63,14 +65,18 @@ class Panel:
         _, y = self._scales(0.0, 1.0, tall, 0.0)
         numbers = self._y_ticks(y)
         widest = max((width(words, LABEL if self.y_names else TICK) for words in numbers.words), default=0.0)
+        widest = min(widest, self.widest[1]) if self.y_names else widest
         left = MARK + GAP + widest + (GAP + 1.4 * LABEL if self.y_label else 0.0)
         top = (1.5 * TITLE if self.title or numbers.factor else 4.0) + (1.6 * LEGEND if self._has_legend else 0.0)
-        turned = max((width(name, TICK) for name in self.x_names), default=0.0) * math.sin(math.radians(TURN))
+        turned = min(max((width(name, TICK) for name in self.x_names), default=0.0), self.widest[0])
+        turned *= math.sin(math.radians(TURN))
         foot = MARK + GAP + (turned + TICK if self.x_names else TICK) + (GAP + LABEL if self.x_label else 0.0) + GAP
         surface = next((mark for mark in self.marks if isinstance(mark, Surface)), None)
         right = 8.0
         if surface is not None:
-            right += GAP + COLUMN + MARK + GAP + max(width(w, TICK) for w in _key_ticks(surface, tall).words)
+            right += (
+                GAP + COLUMN + MARK + GAP + max((width(w, TICK) for w in _key_ticks(surface, tall).words), default=0.0)
+            )
         return Room(left, right, top, foot)
 
     def svg(self, left: float, top: float, right: float, foot: float, margin: float) -> Iterator[Element]:
@@ -90,8 +96,9 @@ class Panel:
         for mark in self.marks:
             yield from mark.svg(x, y)
         yield stroked(axes, INK, 0.8)
-        yield from _numbers_across(at, across, foot, right, turned=bool(self.x_names))
-        yield from _numbers_up(level, up, left, top, LABEL if self.y_names else TICK)
+        turned, named = bool(self.x_names), bool(self.y_names)
+        yield from _numbers_across(at, across, foot, right, self.widest[0] if turned else math.inf, turned=turned)
+        yield from _numbers_up(level, up, left, top, LABEL if named else TICK, self.widest[1] if named else math.inf)
         yield from self._words(left, top, right, foot, margin)
         if surface is not None:
             yield from _key(surface, right, top, foot)
@@ -102,7 +109,9 @@ class Panel:
 
     def _scales(self, left: float, right: float, foot: float, top: float) -> tuple[Scale, Scale]:
         reaches = [mark.reach() for mark in self.marks]
-        low, high = self.x_limits or limits_of([along for along, _ in reaches])
+        low, high = limits_of([along for along, _ in reaches])
+        if self.x_limits is not None and np.isfinite(self.x_limits).all() and self.x_limits[0] < self.x_limits[1]:
+            low, high = self.x_limits
         below, above = limits_of([up for _, up in reaches], log=self.log)
         if any(isinstance(mark, Surface) for mark in self.marks):
             (low, high), (below, above) = ((float(v.min()), float(v.max())) for v in reaches[0])
@@ -116,24 +125,44 @@ class Panel:
 
     def _words(self, left: float, top: float, right: float, foot: float, margin: float) -> Iterator[Element]:
         """Title, legend and what the axes are."""
-        room, middle = self.room(foot - top), (left + right) / 2
+        room, wide = self.room(foot - top), right - left
+
+        def above_what(words: str, size: float) -> float:
+            """The middle of the axes; of the whole panel for words that are wider than the axes."""
+            return (left + right - (margin if width(words, size) > wide else 0.0)) / 2
+
+        most = wide + margin
         if self.title:
-            yield text(middle, top - room.top + 1.1 * TITLE, self.title, TITLE, "middle")
+            at = above_what(self.title, TITLE), top - room.top + 1.1 * TITLE
+            yield text(*at, self.title, TITLE, "middle", most=most)
         if self._has_legend:
-            yield from legend(self.labelled(), middle, top - 0.6 * LEGEND)
+            yield from legend(self.labelled(), (left + right) / 2, top - 0.6 * LEGEND, wide)
         if self.x_label:
-            yield text(middle, foot + room.foot - GAP, self.x_label, LABEL, "middle")
+            at = above_what(self.x_label, LABEL), foot + room.foot - GAP
+            yield text(*at, self.x_label, LABEL, "middle", most=most)
         if self.y_label:
-            yield text(left - margin + LABEL, (top + foot) / 2, self.y_label, LABEL, "middle", -90.0)
+            tall = foot - top + room.top + room.foot
+            middle = (top + foot) / 2
+            if width(self.y_label, LABEL) > foot - top:
+                middle += (room.foot - room.top) / 2
+            yield text(left - margin + LABEL, middle, self.y_label, LABEL, "middle", -90.0, tall)
 
 
 TURN = 60.0
 """degrees by which names below an axis are turned"""
 
 
-def legend(marks: Sequence[Line | Points], middle: float, y: float) -> Iterator[Element]:
-    """A line of entries, centred; `y` is the foot of its letters."""
-    wide = [KEY + GAP + width(mark.label, LEGEND) for mark in marks]
+def legend(marks: Sequence[Line | Points], middle: float, y: float, most: float) -> Iterator[Element]:
+    """A line of entries, centred, `most` pt wide or less; `y` is the foot of its letters."""
+    letters = [width(mark.label, LEGEND) for mark in marks]
+    room = most - (KEY + GAP) * len(marks) - KEYS_APART * (len(marks) - 1)
+    # those that are longer than their share are cut to what the others leave
+    share = room / len(marks)
+    if sum(letters) > room:
+        free = sum(max(share - own, 0.0) for own in letters)
+        share += free / sum(own > share for own in letters)
+    letters = [min(own, share) if sum(letters) > room else own for own in letters]
+    wide = [KEY + GAP + own for own in letters]
     x = middle - (sum(wide) + KEYS_APART * (len(marks) - 1)) / 2
     for mark, own in zip(marks, wide, strict=True):
         if isinstance(mark, Points):
@@ -141,15 +170,17 @@ def legend(marks: Sequence[Line | Points], middle: float, y: float) -> Iterator[
         else:
             sample = Line(np.array([x, x + KEY]), np.zeros(2), mark.colour, "", mark.width, mark.dashed)
         yield from sample.svg(Scale(0.0, 1.0, 0.0, 1.0), Scale(0.0, 1.0, y - 0.35 * LEGEND, 0.0))
-        yield text(x + KEY + GAP, y, mark.label, LEGEND)
+        yield text(x + KEY + GAP, y, mark.label, LEGEND, most=own - KEY - GAP + 0.1)
         x += own + KEYS_APART
 
 
-def _numbers_across(at: list[float], ticks: Ticks, foot: float, right: float, *, turned: bool) -> Iterator[Element]:
+def _numbers_across(
+    at: list[float], ticks: Ticks, foot: float, right: float, most: float, *, turned: bool
+) -> Iterator[Element]:
     y = foot + MARK + GAP
     for x, words in zip(at, ticks.words, strict=True):
         yield (
-            text(x + 3.0, y + 3.0, words, TICK, "end", -TURN)
+            text(x + 3.0, y + 3.0, words, TICK, "end", -TURN, most)
             if turned
             else text(x, y + 0.8 * TICK, words, TICK, "middle")
         )
@@ -157,9 +188,11 @@ def _numbers_across(at: list[float], ticks: Ticks, foot: float, right: float, *,
         yield text(right, foot - GAP, ticks.factor, TICK, "end")
 
 
-def _numbers_up(level: list[float], ticks: Ticks, left: float, top: float, size: float) -> Iterator[Element]:
+def _numbers_up(
+    level: list[float], ticks: Ticks, left: float, top: float, size: float, most: float
+) -> Iterator[Element]:
     for y, words in zip(level, ticks.words, strict=True):
-        yield text(left - MARK - GAP, y + 0.35 * size, words, size, "end")
+        yield text(left - MARK - GAP, y + 0.35 * size, words, size, "end", most=most)
     if ticks.factor:
         yield text(left, top - GAP, ticks.factor, TICK)
 
@@ -179,7 +212,7 @@ def _key(surface: Surface, right: float, top: float, foot: float) -> Iterator[El
     """The colours of a surface as a column, with numbers."""
     values = Scale(surface.low, surface.high, foot, top)
     up = (np.arange(64) + 0.5) / 64
-    column = np.repeat((surface.low + (surface.high - surface.low) * up)[:, None], 2, axis=1)
+    column = np.repeat((surface.low * (1.0 - up) + surface.high * up)[:, None], 2, axis=1)
     left = right + GAP + 3.0
     shown = Surface(np.array([0.0, 1.0]), up, column, surface.low, surface.high, surface.colours)
     yield from shown.svg(Scale(-0.5, 1.5, left, left + COLUMN), Scale(0.0, 1.0, foot, top))

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from xml.etree.ElementTree import Element, tostring
 
 from highside.report.drawing.letters import LEGEND
 from highside.report.drawing.marks import Line, Points
-from highside.report.drawing.panel import Panel, legend
+from highside.report.drawing.panel import TURN, Panel, legend
 
 __all__ = ["Picture"]
 
 INCH = 72.0
 EDGE = 3.0
 """pt around all"""
+NAMES = 0.4
+"""of its panel that names in place of numbers take at most"""
 
 
 @dataclass(slots=True)
@@ -38,6 +41,8 @@ class Picture:
         wide, tall = INCH * self.width, INCH * self.height * self.rows
         above = EDGE + (1.8 * LEGEND if self.legend else 0.0)
         row = (tall - above - EDGE) / self.rows
+        for panel in (panel for line in self.panels for panel in line):
+            panel.widest = NAMES * row / math.sin(math.radians(TURN)), NAMES * wide / self.columns
         # letters take a third of a row; how many numbers stand beside its axes hardly changes what they take
         rooms = [[panel.room(0.66 * row) for panel in line] for line in self.panels]
         lefts = [max(line[k].left for line in rooms) for k in range(self.columns)]
@@ -45,7 +50,7 @@ class Picture:
         column = (wide - 2 * EDGE - sum(lefts) - sum(rights)) / self.columns
         size = {"width": f"{wide:g}pt", "height": f"{tall:g}pt", "viewBox": f"0 0 {wide:g} {tall:g}"}
         drawn = Element("svg", {"xmlns": "http://www.w3.org/2000/svg", **size, "fill": "currentColor"})
-        drawn.extend([*legend(self.legend, wide / 2, EDGE + LEGEND)] if self.legend else ())
+        drawn.extend([*legend(self.legend, wide / 2, EDGE + LEGEND, wide - 2 * EDGE)] if self.legend else ())
         for i, line in enumerate(self.panels):
             top = above + i * row + max(room.top for room in rooms[i])
             foot = above + (i + 1) * row - max(room.foot for room in rooms[i])

@@ -19,6 +19,11 @@ MOST = 9
 """steps between ticks at most, however long the axis"""
 LARGE, SMALL = 5, -4
 """powers of ten beyond which one is written once for all ticks"""
+FAR, SHIFT = 200, 150
+"""powers of ten beyond which ticks are sought in units of another by so many: sums and steps of values that are so
+large are beyond the largest number there is, and those of values that are so small lose their figures"""
+LARGEST = float(np.finfo(float).max)
+LEAST = float(np.finfo(float).smallest_subnormal)
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,10 +51,15 @@ class Scale:
         if self.log:
             v = np.log10(np.where(v > 0, v, np.nan))
             low, high = math.log10(low), math.log10(high)
-        return np.asarray(self.start + (self.end - self.start) * ((v - low) / (high - low)))
+        # halves: the range may be longer than the largest number
+        with np.errstate(invalid="ignore"):
+            share = (v / 2 - low / 2) / (high / 2 - low / 2)
+        return np.asarray(self.start + (self.end - self.start) * np.where(np.isfinite(share), share, np.nan))
 
     def ticks(self, apart: float) -> Ticks:
-        """Round values, about `apart` points from one another or more."""
+        """Round values, about `apart` points from one another or more; none where all is one value."""
+        if not self.low < self.high:
+            return Ticks((), ())
         most = min(max(int(abs(self.end - self.start) / apart), 1), MOST)
         return _powers(self.low, self.high, most) if self.log else _even(self.low, self.high, most)
 
@@ -63,14 +73,22 @@ def limits_of(parts: list[Array], *, log: bool = False) -> tuple[float, float]:
     low, high = float(values.min()), float(values.max())
     if log:
         low, high = math.log10(low), math.log10(high)
-    pad = MARGIN * (high - low)
+    pad = 2 * (MARGIN * (high / 2 - low / 2))
     if pad <= 1e-13 * max(abs(low), abs(high)):
         pad = MARGIN * abs(high) or MARGIN
-    return (10.0 ** (low - pad), 10.0 ** (high + pad)) if log else (low - pad, high + pad)
+    low, high = low - pad, high + pad
+    if log:
+        with np.errstate(over="ignore", under="ignore"):
+            low, high = float(np.power(10.0, low)), float(np.power(10.0, high))
+    return max(low, LEAST if log else -LARGEST), min(high, LARGEST)
 
 
 def _even(low: float, high: float, most: int) -> Ticks:
     """At most `most` + 1 values that are multiples of a round step."""
+    power = math.floor(math.log10(max(abs(low), abs(high))))
+    shift = 0 if abs(power) <= FAR else math.copysign(SHIFT, power)
+    unit = 10.0**shift
+    low, high = low / unit, high / unit
     least = (high - low) / most
     power = math.floor(math.log10(least))
     step = next(s for s in STEPS if s * 10.0**power >= 0.999999 * least) * 10.0**power
@@ -78,13 +96,16 @@ def _even(low: float, high: float, most: int) -> Ticks:
     at = [k * step for k in range(first, last + 1)]
     top = max((abs(value) for value in at), default=0.0)
     common = math.floor(math.log10(top)) if top > 0 else 0
-    common = common if common >= LARGE or common <= SMALL else 0
+    common = common if shift or common >= LARGE or common <= SMALL else 0
     # a step of 2.5 has a figure more
     exact = math.floor(math.log10(step) + 1e-9)
     places = max(common - exact + (0 if round(step / 10.0**exact, 6) % 1 == 0 else 1), 0)
     words = (f"{value / 10.0**common:.{places}f}" for value in at)
+    factor = int(common + shift)
     return Ticks(
-        tuple(at), tuple(map(_with_minus, words)), f"\N{MULTIPLICATION SIGN}{raised(common)}" if common else ""
+        tuple(value * unit for value in at),
+        tuple(map(_with_minus, words)),
+        f"\N{MULTIPLICATION SIGN}{raised(factor)}" if factor else "",
     )
 
 
