@@ -12,6 +12,8 @@ from __future__ import annotations
 
 import argparse
 import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -19,7 +21,7 @@ import numpy as np
 import highside
 from highside.arrays import Array
 from highside.diagnosis.core.effect_scores import EffectScores
-from highside.fleet.common import LotScores, ToolScores, judge
+from highside.fleet.common import Common, LotScores, ToolScores, judge
 from highside.physics.effects import all_effects
 from highside.physics.law import PREFIX
 
@@ -80,6 +82,74 @@ def lot_of(
     return LotScores(name, scores.entries, amplitudes_of(scores), tuple(made))
 
 
+@dataclass
+class Count:
+    """What a number of fleets came to."""
+
+    found: int = 0
+    alone: int = 0
+    """of these, by their only name"""
+    wrong: int = 0
+    """named in a lot that has another effect in common"""
+    invented: int = 0
+    """named in a lot that has none"""
+    fleets: int = 0
+    """with any of these two"""
+    outliers: int = 0
+    others: int = 0
+    """tools called out that are like their lot"""
+    proofs: list[float] = field(default_factory=list)
+    """of what was rightly named: the gain of its proof, in its own standard deviations"""
+    false_proofs: list[float] = field(default_factory=list)
+    foretold: int = 0
+    """rightly named whose mean foretells as many further tools, which no figure before has seen"""
+    false_foretold: int = 0
+
+
+def foretells(lot: LotScores, one: Common) -> bool:
+    """Whether the mean explains tools that it was not made of better than nothing does (log likelihood)."""
+    score, information, _ = lot.of(lot.entries.index(one.effect))
+    mean = one.pooled.mean
+    return bool(np.sum(score @ mean - 0.5 * np.einsum("nij,i,j->n", information, mean, mean)) > 0.0)
+
+
+def counted(count: Count, seed: int, scores: EffectScores, among: Sequence[int], odd_of: Sequence[int], n: int) -> None:
+    """One fleet: three lots of `n` tools with an effect `among` those, two without, one tool with one of `odd_of`."""
+    rng, later = np.random.default_rng(seed), np.random.default_rng([seed, 1])
+    hidden = rng.choice(among, size=3, replace=False)
+    nothing = np.zeros(len(scores.parameters))
+    lots: list[LotScores] = []
+    truths: list[Array] = []
+    wanted: dict[str, str] = {}
+    further: dict[str, LotScores] = {}
+    for k, entry in enumerate(hidden.tolist()):
+        truths.append(drawn(rng, scores, entry, float(rng.uniform(*STRENGTH))))
+        lots.append(lot_of(rng, scores, f"lot {k}", n, truths[-1]))
+        wanted[f"lot {k}"] = scores.entries[entry]
+    odd = drawn(rng, scores, int(rng.choice(odd_of)), OUTLIER)
+    lots.append(lot_of(rng, scores, "odd", n, nothing, odd))
+    lots.append(lot_of(rng, scores, "plain", n, nothing))
+    for lot, truth in zip(lots, [*truths, nothing, nothing], strict=True):
+        further[lot.lot] = lot_of(later, scores, lot.lot, n, truth)
+    before = count.invented + count.wrong
+    for tested in judge(lots, scores.parameters):
+        right = [one for one in tested.common if wanted.get(tested.lot) in one.same]
+        false = [one for one in tested.common if one not in right]
+        count.found += bool(right)
+        count.alone += any(one.same == (wanted[tested.lot],) for one in right)
+        if tested.lot in wanted:
+            count.wrong += len(false)
+        else:
+            count.invented += len(false)
+        count.proofs += [one.proof.gain / one.proof.std for one in right]
+        count.false_proofs += [one.proof.gain / one.proof.std for one in false]
+        count.foretold += sum(foretells(further[tested.lot], one) for one in right)
+        count.false_foretold += sum(foretells(further[tested.lot], one) for one in false)
+        count.outliers += any(one.tool == "odd-3" for one in tested.outliers)
+        count.others += sum(one.tool != "odd-3" for one in tested.outliers)
+    count.fleets += count.invented + count.wrong > before
+
+
 def main() -> None:
     """Print what was found, missed and invented."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -93,40 +163,32 @@ def main() -> None:
     library = [e for e, entry in enumerate(scores.entries) if entry.split("[")[0] in all_effects()]
     laws = [e for e, entry in enumerate(scores.entries) if entry.startswith(PREFIX)]
     among = library if arguments.hidden == "effects" else laws
-    found = wrong = named_alone = invented = outliers = false_outliers = 0
-    fleets_with_invention = 0
-    for seed in range(arguments.first_seed, arguments.first_seed + arguments.fleets):
-        rng = np.random.default_rng(seed)
-        hidden = rng.choice(among, size=3, replace=False)
-        lots, wanted = [], {}
-        for k, entry in enumerate(hidden.tolist()):
-            truth = drawn(rng, scores, entry, float(rng.uniform(*STRENGTH)))
-            lots.append(lot_of(rng, scores, f"lot {k}", arguments.tools, truth))
-            wanted[f"lot {k}"] = scores.entries[entry]
-        nothing = np.zeros(len(scores.parameters))
-        odd = drawn(rng, scores, int(rng.choice(library)), OUTLIER)
-        lots.append(lot_of(rng, scores, "odd", arguments.tools, nothing, odd))
-        lots.append(lot_of(rng, scores, "plain", arguments.tools, nothing))
-        before = invented + wrong
-        for tested in judge(lots, scores.parameters):
-            if tested.lot in wanted:
-                right = [one for one in tested.common if wanted[tested.lot] in one.same]
-                found += bool(right)
-                named_alone += any(one.same == (wanted[tested.lot],) for one in right)
-                wrong += len(tested.common) - len(right)
-            else:
-                invented += len(tested.common)
-            outliers += any(one.tool == "odd-3" for one in tested.outliers)
-            false_outliers += sum(one.tool != "odd-3" for one in tested.outliers)
-        fleets_with_invention += invented + wrong > before
-    n = arguments.fleets
+    count, n = Count(), arguments.fleets
+    for seed in range(arguments.first_seed, arguments.first_seed + n):
+        counted(count, seed, scores, among, library, arguments.tools)
     took = time.perf_counter() - begun
     print(f"{n} fleets of 5 lots of {arguments.tools} tools, {len(library)} effects, {len(laws)} laws, {took:.0f} s")
     print(
-        f"effects invented or wrongly named: {invented + wrong} in {5 * n} lots, {fleets_with_invention} of the fleets"
+        f"effects invented in the {2 * n} lots without one: {count.invented}; "
+        f"wrongly named in the {3 * n} others: {count.wrong}; {count.fleets} of the fleets have either"
     )
-    print(f"common effects found, with the truth in the class: {found} of {3 * n}; named alone {named_alone}")
-    print(f"tools that stand out named: {outliers} of {n}; others called out: {false_outliers}")
+    print(f"common effects found, with the truth in the class: {count.found} of {3 * n}; named alone {count.alone}")
+    print(
+        f"proof by tools left out, in its standard deviations: {_spread(count.proofs)}; "
+        f"of what is false {_spread(count.false_proofs)}"
+    )
+    print(
+        f"that foretell {arguments.tools} further tools each: {count.foretold} of {len(count.proofs)} rightly named, "
+        f"{count.false_foretold} of {len(count.false_proofs)} falsely"
+    )
+    print(f"tools that stand out named: {count.outliers} of {n}; others called out: {count.others}")
+
+
+def _spread(values: Sequence[float]) -> str:
+    if not values:
+        return "none"
+    low, middle, high = np.quantile(values, [0.0, 0.5, 1.0])
+    return f"{low:.1f} to {high:.1f}, median {middle:.1f}"
 
 
 if __name__ == "__main__":
