@@ -5,7 +5,9 @@
 Every tool has a pty on which 100 frames a second are written, and all one real mosquitto. First one process has them
 all, then each has its own. CPU is that of all threads by the scheduler's account, memory what the process has for
 itself (`Private_*` of /proc/PID/smaps_rollup). A frame that did not arrive, or a message that was not acknowledged, is
-counted and ends this with status 1.
+counted and ends this with status 1. At last one process has them all again while three of them have a fault each: the
+line of the first is pulled, the second cannot write its recordings, the broker of the third is killed and begun anew.
+What the others lose by it is counted in the same way; the second and third must lose nothing either.
 """
 
 from __future__ import annotations
@@ -16,6 +18,7 @@ import sys
 import tempfile
 import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 from highside.codec.tool import encode
@@ -25,6 +28,7 @@ from tests.integration.daemon import Daemon, Pty, Subscriber
 FRAMES_PER_S = 100.0
 START_S = 180.0
 SETTLE_S = 5.0
+LINK = 'kind = "serial"\nport = "{line}"\nstale_after_s = 0\nreopen_after_s = 3600\n'
 DRAIN_S = 60.0
 """What a busy machine may need for what it has not done yet."""
 
@@ -117,6 +121,78 @@ def measured(files: list[Path], ids: list[str], lines: list[Pty], broker: Mosqui
         heard.close()
 
 
+def faulty(folder: Path, ids: list[str], lines: list[Pty], broker: Mosquitto, other: Mosquitto, seconds: float) -> int:
+    """Three tools with a fault each beside the others in one process: how many frames and messages were lost."""
+    (folder / "faulty" / ids[1]).mkdir(parents=True)
+    (folder / "faulty" / ids[1] / "recordings").write_text("in the way")
+    path = folder / "faulty.toml"
+    tables = []
+    for i, line in zip(ids, lines, strict=True):
+        port = other.port if i == ids[2] else broker.port
+        tables.append(f'[[tools]]\nid = "{i}"\nmqtt = {{ port = {port} }}\n[tools.link]\n{LINK.format(line=line.path)}')
+    head = f'[codec]\nname = "tool"\n[service]\nhealth_interval_s = 2\nstate_dir = "{folder}/faulty"\n'
+    path.write_text(head + "".join(tables))
+    heard = [Subscriber(where.port, "highside/#") for where in (broker, other)]
+    daemon, device = Daemon(path), Device(lines)
+    numbers: dict[str, set[int]] = {i: set() for i in ids}
+    last: dict[str, dict] = {}
+
+    def listen() -> None:
+        for topic, payload, retained, _ in (message for one in heard for message in one.drain()):
+            _, tool, kind = topic.split("/")[:3]
+            if kind == "attitude":
+                numbers[tool].add(json.loads(payload)["seq"])
+            elif kind == "health" and not retained:
+                last[tool] = json.loads(payload)
+
+    def until(true: Callable[[], bool], limit_s: float) -> bool:
+        end = time.monotonic() + limit_s
+        while not true() and time.monotonic() < end:
+            time.sleep(0.2)
+            listen()
+        return true()
+
+    try:
+        if not until(lambda: len(last) == len(ids) and all(one["link"]["opens"] for one in last.values()), START_S):
+            raise SystemExit("not all tools began:\n" + daemon.log[-2000:])
+        device.start()
+        until(lambda: False, seconds / 4)
+        device.lines = lines[1:]  # nothing is written to what is pulled
+        lines[0].close()
+        other.kill()
+        until(lambda: False, seconds / 2)
+        other.start()
+        until(lambda: False, seconds / 4)
+        device.ending.set()
+        device.join()
+        rest = ids[1:]
+        until(lambda: all(_arrived(last[i], device.sent) for i in rest), DRAIN_S)
+        untouched = ids[3:]
+        lost = sum(abs(device.sent - last[i]["monitor"]["received"]) for i in rest)
+        gaps = sum(max(numbers[i]) + 1 - len(numbers[i]) for i in untouched)
+        again = sum(last[i]["link"]["opens"] - 1 for i in untouched)
+        waiting = sum(last[i]["outbox"]["queued"] for i in rest)
+        outbox = last[ids[2]]["outbox"]
+        dropped = sum(outbox["dropped"].values())
+        print(
+            f"three faults: {lost} frames lost and {waiting} messages waiting, of all but the pulled one; of the "
+            f"{len(untouched)} others {gaps} numbers missing, {again} links opened again; the one without a broker "
+            f"produced {outbox['produced']}, acknowledged {outbox['acknowledged']}, dropped {dropped}"
+        )
+        return lost + gaps + again + waiting + dropped
+    finally:
+        device.ending.set()
+        daemon.process.terminate()
+        daemon.process.wait(60)
+        daemon.close()
+        for one in heard:
+            one.close()
+
+
+def _arrived(health: dict, sent: int) -> bool:
+    return health["monitor"]["received"] == sent and not health["outbox"]["queued"]
+
+
 def main() -> None:
     asked = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     asked.add_argument("--tools", type=int, default=30)
@@ -127,7 +203,7 @@ def main() -> None:
         lines = [Pty() for _ in range(options.tools)]
         ids = [f"t{i}" for i in range(options.tools)]
         rest = f'[codec]\nname = "tool"\n[mqtt]\nport = {broker.port}\n[service]\nhealth_interval_s = 2\n'
-        links = [f'kind = "serial"\nport = "{line.path}"\nstale_after_s = 0\nreopen_after_s = 3600\n' for line in lines]
+        links = [LINK.format(line=line.path) for line in lines]
         one = folder / "one.toml"
         entries = [f'[[tools]]\nid = "{i}"\n[tools.link]\n{link}' for i, link in zip(ids, links, strict=True)]
         one.write_text(rest + f'state_dir = "{folder}/one"\n' + "".join(entries))
@@ -138,6 +214,8 @@ def main() -> None:
             each.append(path)
         lost = measured([one], ids, lines, broker, options.seconds)
         lost += measured(each, ids, lines, broker, options.seconds)
+        with Mosquitto(folder / "other") as other:
+            lost += faulty(folder, ids, lines, broker, other, options.seconds)
     sys.exit(1 if lost else 0)
 
 
