@@ -142,6 +142,11 @@ firefox: $(VENV)/.test
 people: $(VENV)/.test
 	PYTHONPATH=. $(BIN)/python tests/integration/people_walk.py
 
+## viewers: 3,840 frames/s alone, then beside a hundred viewers of the tool's page, half of them deaf, a tenth hostile: two minutes
+.PHONY: viewers
+viewers: $(VENV)/.test
+	$(BIN)/python -m tests.bench.viewers_cost
+
 ## words: collect the words of pages and documents into the catalogues of all languages, and compile these
 .PHONY: words
 BABEL = $(abspath $(BIN))/pybabel

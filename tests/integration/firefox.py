@@ -102,6 +102,10 @@ class FirefoxPage:
             "input.performActions", context=self._tab, actions=[{"type": "key", "id": "keys", "actions": steps}]
         )
 
+    async def cable(self, *, pulled: bool) -> None:
+        conditions = {"type": "offline"} if pulled else None
+        await self.command("emulation.setNetworkConditions", networkConditions=conditions, contexts=[self._tab])
+
     async def picture(self, path: Path) -> None:
         said = await self.command("browsingContext.captureScreenshot", context=self._tab)
         await asyncio.to_thread(path.write_bytes, base64.b64decode(said["data"]))

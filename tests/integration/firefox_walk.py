@@ -1,6 +1,7 @@
 """Walks the main pages in Firefox: a whole session at the bench with clicks and keys, the live page of a tool, the page
 where sessions are begun, the diagnosis; at three widths nothing is wider than the screen, no error is said, nobody else
-is asked. Without a graphics card it has no 3-D: what the picture shows is said in words below it.
+is asked; with the cable pulled at each step of the session and on the live page it is told, and the page goes on
+afterwards. Without a graphics card it has no 3-D: what the picture shows is said in words below it.
 
     python tests/integration/firefox_walk.py [--firefox PATH] [--shots DIR]
 
@@ -32,6 +33,19 @@ async def fits(page: FirefoxPage, name: str, shots: Path | None, widths: tuple[i
             await page.picture(shots / f"firefox-{name}-{width}.png")
 
 
+LOST = "document.querySelector('#popup[aria-hidden=false]') || document.body.classList.contains('lost')"
+
+
+async def cut_off(page: FirefoxPage, name: str, back: str) -> None:
+    """With the cable pulled it is told at once, and once it is plugged in the page goes on where it was."""
+    await page.cable(pulled=True)
+    await page.until(LOST, 30.0)
+    wide = await page.evaluate("document.scrollingElement.scrollWidth - window.innerWidth")
+    assert wide <= 0, f"{name}: {wide} px wider without a link"
+    await page.cable(pulled=False)
+    await page.until(f"!({LOST}) && document.querySelector({back!r})")
+
+
 def unheard(page: FirefoxPage) -> list[str]:
     """Errors beside what a browser without a graphics card says of its own."""
     return [text for text in page.errors if not any(word in text for word in NOISY)]
@@ -46,16 +60,20 @@ async def a_session(tmp_path: Path, browser: str, shots: Path | None, widths: tu
         await page.until("document.querySelector('.badge')")
         await page.until("document.querySelector('.guidance').textContent.trim()")
         await fits(page, "idle", shots, widths)
+        await cut_off(page, "idle", ".badge")
         await page.click("[data-command=start]")
         await page.until("document.querySelectorAll('tr.done').length > 0")
         await fits(page, "measuring", shots, widths)
+        await cut_off(page, "measuring", "tr.done")
         await page.keys("p")
         await page.until("document.querySelector('.badge.paused')")
         await page.click("[data-command=resume]")
         await page.until("document.querySelector('.badge.review')")
         await fits(page, "review", shots, widths)
+        await cut_off(page, "review", ".badge.review")
         await page.click("[data-command=accept]")
         await page.until("document.querySelector('.badge.accepted')")
+        await cut_off(page, "accepted", ".badge.accepted")
         await page.click("[data-command=activate]")
         # the dialog grows as it comes, and covers the page until it has gone
         await asyncio.sleep(1.0)
@@ -81,6 +99,7 @@ async def the_served_pages(tmp_path: Path, browser: str, shots: Path | None, wid
                 await page.until("document.querySelector('.scene') && document.querySelector('.chart canvas')")
                 await page.until("document.querySelector('.figures dd').textContent.startsWith('31.')")
                 await fits(page, "tool", shots, widths)
+                await cut_off(page, "tool", ".badge.live")
             await page.until("document.querySelector('.figures.stale')")
             await page.goto(f"{address}bench")
             await page.click("#token")

@@ -177,10 +177,6 @@ class FirefoxFace(FirefoxPage):
         at = {"sharedId": found["result"]["sharedId"]}
         await self.command("input.setFiles", context=self._tab, element=at, files=[str(file)])
 
-    async def cable(self, *, pulled: bool) -> None:
-        conditions = {"type": "offline"} if pulled else None
-        await self.command("emulation.setNetworkConditions", networkConditions=conditions, contexts=[self._tab])
-
 
 @dataclass
 class Walk:
