@@ -214,8 +214,16 @@ def test_the_code_says_record_and_key_or_the_laboratory_s_address() -> None:
     assert made.signature is not None
     said = verification(Inputs(made, LEAST, ""), "N-1").split("\n")
     assert said[0] == "Calibration certificate N-1" and f"record SHA-256 {made.id}" in said
+    assert said[1] == "tool tool <7> & \\x07"
     assert said[-1] == f"signed ed25519 {made.signature.key}"
     with in_language("de"):
         assert verification(Inputs(made, LEAST, ""), "N-1").split("\n")[2] == f"Datensatz SHA-256 {made.id}"
     where = CertificateFields.model_validate({"issue": {"verify_url": "https://lab.example/c/"}})
     assert verification(Inputs(made, where, ""), "N-1") == f"https://lab.example/c/{made.id}"
+
+
+def test_the_verdicts_are_said_in_the_language_of_the_terminal() -> None:
+    made = highside.certify(record(), FULL)
+    with in_language("de"):
+        found, *_ = made.verdicts
+    assert found.startswith("Ausgangszustand: ") and "within the limits" not in found, found

@@ -168,6 +168,13 @@ def test_the_digits_shown_follow_the_uncertainty(tools: Tools) -> None:
         assert text in tool_page(tools.tools["a"], HERE, 0.0).figures
 
 
+def test_nothing_is_shown_as_minus_nothing(tools: Tools) -> None:
+    for error, text in ((-0.004, "+0.00"), (0.004, "+0.00"), (-0.006, "-0.01")):
+        said(tools, "survey", ATTITUDE | {"g_error_mg": error, "accepted": True})
+        assert f">{text}<" in tool_page(tools.tools["a"], HERE, 0.0).surveys
+        tools.tools["a"].surveys.clear()
+
+
 def test_without_a_broker_nothing_is_shown_as_live(tools: Tools) -> None:
     said(tools, "attitude", ATTITUDE)
     away = Broker("broker:1883", False, "connection lost", 5.0)

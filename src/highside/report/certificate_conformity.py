@@ -143,4 +143,4 @@ def verdict_lines(inputs: Inputs) -> Sequence[str]:
     if inputs.fields.decision is None:
         return ()
     pairs = ((_("As found"), as_found(inputs)), (_("As left"), as_left(inputs)))
-    return tuple(f"{title}: {one.found.text}" for title, one in pairs if one is not None)
+    return tuple(f"{title}: {told(one.found.text)}" for title, one in pairs if one is not None)

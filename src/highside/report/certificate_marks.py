@@ -12,6 +12,7 @@ import base64
 from markupsafe import Markup
 
 from highside.errors import InputError
+from highside.printable import printable
 from highside.reading import read_named
 from highside.report.certificate_inputs import Inputs
 from highside.words import _
@@ -27,7 +28,7 @@ def verification(inputs: Inputs, named: str) -> str:
         return f"{url}{record.id}"
     lines = [
         _("Calibration certificate %(number)s", number=named),
-        _("tool %(tool)s", tool=record.tool_id),
+        _("tool %(tool)s", tool=printable(record.tool_id)),
         _("record SHA-256 %(id)s", id=record.id),
     ]
     if record.signature is not None:

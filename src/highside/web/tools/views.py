@@ -368,7 +368,7 @@ def _survey(row: Any) -> dict[str, Any]:
         "inc": _degrees(reading.inc_deg, reading.inc_std_deg),
         "tf": _degrees(reading.motor_toolface_deg, reading.tf_std_deg),
         "azi": _degrees(reading.azi_deg, reading.azi_std_deg),
-        "g": "–" if row.g_error_mg is None else f"{row.g_error_mg:+.2f}",
+        "g": "–" if row.g_error_mg is None else f"{row.g_error_mg:+z.2f}",
         "accepted": row.accepted,
         "reasons": ", ".join(row.reasons),
     }
