@@ -118,6 +118,7 @@ FILES = (
     said_later("expands to more than %(most)s"),
     said_later("if it is meant so: highside --max-bytes SIZE ..., or highside.allow_bytes(SIZE) in a program"),
     said_later("is no NumPy array (%(why)s)"),
+    said_later("is a damaged HDF5 file (the heap at byte %(place)s has no end)"),
     said_later("is a damaged archive (%(why)s)"),
     said_later("is a damaged MATLAB file (%(why)s)"),
     said_later("is a damaged Parquet file (%(why)s)"),
