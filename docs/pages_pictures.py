@@ -119,7 +119,6 @@ async def pictures() -> None:
                 await page.goto(f"{at}sign-in")
                 await keep(page, "page-sign-in")
                 await sign_in(page, at, "F. Force")
-                await page.wait_for_selector(".person")
                 await page.goto(f"{at}bench")
                 await keep(page, "page-begin")
                 (folder / "highside.toml").write_text(CONFIGURATION)

@@ -121,7 +121,8 @@ async def sign_in(page: Page, address: str, name: str) -> None:
     await page.fill("#name", name)
     await page.fill("#password", f"{PASSWORD} of {name}")
     await page.keyboard.press("Enter")
-    await page.wait_for_selector("h1")
+    # the form has a heading, too: of who is signed in is told on the page that comes
+    await page.wait_for_selector(".person")
 
 
 async def served_pages(walk: Walk, browser: Browser, folder: Path) -> None:
