@@ -13,7 +13,8 @@ CONTROLS = (
     " textarea:not(:disabled), summary, [tabindex='0']"
 )
 NAMED = r"""(one) => one.matches('[type=radio]') ? `radio ${one.name}` :
-  [one.localName, one.name, one.getAttribute('href') ?? '', (one.querySelector('h1, h2') ?? one).textContent.trim()]
+  [one.localName, one.name, one.getAttribute('href') ?? '',
+    one.ariaLabel || (one.querySelector('h1, h2') ?? one).textContent.trim()]
   .join(' ').replace(/\d+/g, '0').slice(0, 80)"""
 """Without what changes while it is looked at. Of radios the arrow keys go from one to the next: the Tab key reaches
 their group."""
@@ -27,7 +28,7 @@ FOCUSED = f"""((one) => {{
     const outlined = style && style.outlineStyle !== 'none' && parseFloat(style.outlineWidth) >= 1;
     return style && (outlined || style.boxShadow !== 'none');
   }});
-  if (!marked) faults.push('no mark of the focus');
+  if (!marked && !one.closest('.q-field--focused')) faults.push('no mark of the focus');
   const off = box.bottom < 1 || box.top > innerHeight - 1 || box.right < 1 || box.left > innerWidth - 1;
   if (off) return [({NAMED})(one), [...faults, 'off the screen']];
   const x = Math.min(Math.max((box.left + box.right) / 2, 0), innerWidth - 1);
@@ -37,7 +38,7 @@ FOCUSED = f"""((one) => {{
     faults.push('under ' + (there?.outerHTML ?? 'nothing').slice(0, 90));
   return [({NAMED})(one), faults];
 }})(document.activeElement)"""
-"""Of what has the focus: its name, and what is wrong with it."""
+"""Of what has the focus: its name, and what is wrong with it. The library's fields have a thick border then."""
 DRAWN = f"new Promise((told) => requestAnimationFrame(() => requestAnimationFrame(() => told({FOCUSED}))))"
 """What is scrolled to stands there with the next picture."""
 FROM_THE_TOP = """(() => {

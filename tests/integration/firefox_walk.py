@@ -16,6 +16,7 @@ import tempfile
 from pathlib import Path
 
 from bench_page import SIX, TOKEN, bench_process, served_bench
+from by_keys import tabbed
 from firefox import FIREFOX, FirefoxPage, firefox
 from test_tools_page import NOISY, history_message, serve, tool, watch_message
 
@@ -29,6 +30,8 @@ async def fits(page: FirefoxPage, name: str, shots: Path | None, widths: tuple[i
         await asyncio.sleep(0.5)
         wide = await page.evaluate("document.scrollingElement.scrollWidth - window.innerWidth")
         assert wide <= 0, f"{name}-{width}: {wide} px wider than the screen"
+        _, astray = await tabbed(page)
+        assert not astray, (name, width, astray)
         if shots is not None:
             await page.picture(shots / f"firefox-{name}-{width}.png")
 

@@ -137,8 +137,8 @@ def test_an_output_that_would_replace_another_file_is_refused_in_german(
         ("turn.csv", "ist eine Datei, die dieser Befehl liest; nennen Sie eine andere Datei"),
         (
             "mine.json",
-            "ist schon da und ist nicht eine Kompensation; es wird daher nicht ersetzt; nennen Sie eine andere Datei, "
-            "oder nehmen Sie diese weg",
+            "ist schon da und etwas anderes als eine Kompensation; es wird daher nicht ersetzt; nennen Sie eine andere "
+            "Datei, oder nehmen Sie diese weg",
         ),
         (
             "key",
