@@ -4,7 +4,10 @@ Rests in all attitudes, one mean each with noise of 14 ug of its length, a tool 
 off by what its record and class allow, with the random walk of its class. In the middle of the series either the noise
 grows (`WAYS`) and nothing departs, or one offset steps and the noise stays. The bound is of the same rests: the first
 at which size x sqrt(information) reaches the square root of the threshold and `WatchPolicy.power`, by a filter that
-follows no noise.
+follows no noise. Beside it stands what could be found by whoever knows the departure, its onset and the noise as it
+was, and yet takes no noise that has jumped for a step: the same filter's column of that departure must pass the
+threshold, and be a hundred times likelier than noise of the best size, of as many numbers as the watch wants. A test
+that knows less finds it later.
 
 `--scatter rows`: each rest is a minute at ten readings a second, white and 1/f, and what its axes scatter is kept with
 its mean, as the service keeps it with a survey. `--scatter blind`: the same, but what grows is constant within a rest,
@@ -26,6 +29,8 @@ import numpy as np
 from highside.arrays import Array
 from highside.watch import POLICY, STATED, Still, Watch
 from highside.watch.axis_noise import scatters
+from highside.watch.bank import HYPOTHESES
+from highside.watch.hold import noise_evidence
 from highside.watch.parameters import GRAVITY, prior
 from studies.watch_noise import flicker
 
@@ -60,6 +65,8 @@ class Said:
     after: int | None = None
     bound: int | None = None
     named: bool = False
+    knowing: int | None = None
+    """rests until who knows all but the size, and whether noise has jumped, could say it"""
 
 
 def run(seed: int, apart_s: float, noise: Sequence[float] = (), step_g: float = 0.0, scatter: str = "none") -> Said:
@@ -72,7 +79,7 @@ def run(seed: int, apart_s: float, noise: Sequence[float] = (), step_g: float = 
     axis = int(rng.integers(3))
     size, name = step_g * float(rng.choice([-1.0, 1.0])), f"b_{'xyz'[axis]}"
     need = np.sqrt(POLICY.threshold) + POLICY.power
-    early, after, reached, named = False, None, None, False
+    early, after, reached, named, knowing = False, None, None, False, None
     for k in range(RESTS):
         truth = truth + walk * rng.standard_normal(truth.size)
         truth[axis] += size * (k == FROM)
@@ -83,13 +90,30 @@ def run(seed: int, apart_s: float, noise: Sequence[float] = (), step_g: float = 
             if watch.alarm_s is not None:
                 early, after = k < FROM, k - FROM
                 named = name in watch.result().claims[0].equivalence_class
-        if step_g and reached is None:
+        if step_g and (reached is None or knowing is None):
             bound.still(replace(one, std_g=READ_G, scatter_g=None))
-            if k >= FROM and abs(size) * np.sqrt(bound.information_of(name, FROM * apart_s)) >= need:
+            information = bound.information_of(name, FROM * apart_s) if k >= FROM else 0.0
+            if reached is None and abs(size) * np.sqrt(information) >= need:
                 reached = k - FROM
-        if early or (after is not None and (reached is not None or not step_g)):
+            if knowing is None and k >= FROM and _could_say(bound, name, FROM * apart_s):
+                knowing = k - FROM
+        if early or (after is not None and (not step_g or None not in (reached, knowing))):
             break
-    return Said(after is not None, early, watch.result().noise_grown, after, reached, named)
+    return Said(after is not None, early, watch.result().noise_grown, after, reached, named, knowing)
+
+
+def _could_say(bound: Watch, name: str, since_s: float) -> bool:
+    """Whether one departure of known kind and onset is above the threshold, and no noise explains as much."""
+    known = bound.memory().arrays
+    at = (known["bank_of"] == [one.name for one in HYPOTHESES].index(name)) & (known["bank_since"] == since_s)
+    (column,) = np.flatnonzero(at)
+    ratio = known["bank_score"][column] ** 2 / known["bank_information"][column]
+    squares, numbers = known["bank_all"][:, column]
+    left = max(squares - ratio, numbers - 1.0)
+    against_noise = squares - left - noise_evidence(float(squares), int(numbers))
+    return bool(
+        numbers >= POLICY.jump_fewest and ratio > POLICY.threshold and against_noise > -2.0 * np.log(POLICY.jump_chance)
+    )
 
 
 def _rest(t_s: float, truth: Array, times: float, rng: np.random.Generator, scatter: str) -> Still:
@@ -122,11 +146,13 @@ def _print_step(size: float, apart_s: float, found: list[Said]) -> None:
     got = [one.after for one in judged if one.after is not None]
     within = [one for one in judged if one.bound is not None]
     late = [one for one in within if _is_late(one, apart_s)]
+    knowing = sum(not _is_late(replace(one, after=one.knowing), apart_s) for one in within)
     say = ", ".join(f"{np.quantile(got, q):.0f}" for q in (0.5, 0.95, 1.0)) if got else "none"
     bound = np.median([one.bound for one in within if one.bound is not None]) if within else np.nan
     print(
         f"| {1e3 * size:g} mg | {len(found) - len(judged)} | {len(got)} of {len(judged)} | {say} | {bound:.0f} |"
-        f" {len(within) - len(late)} of {len(within)} | {sum(one.named for one in judged)} of {len(got)} |",
+        f" {len(within) - len(late)} of {len(within)} | {knowing} of {len(within)} |"
+        f" {sum(one.named for one in judged)} of {len(got)} |",
         flush=True,
     )
 
@@ -157,8 +183,11 @@ def main() -> None:
             all_of += found
         _print_noise("all", all_of)
     if args.only != "noise":
-        print("| step | alarms before it | found | rests until the alarm: 50, 95, 100 % | bound | in time | in class |")
-        print("|---|---|---|---|---|---|---|")
+        print(
+            "| step | alarms before it | found | rests until the alarm: 50, 95, 100 % | bound | in time |"
+            " could be | in class |"
+        )
+        print("|---|---|---|---|---|---|---|---|")
         for k, size in enumerate(STEPS_G):
             if args.sizes_mg and not np.isclose(args.sizes_mg, 1e3 * size).any():
                 continue
