@@ -173,6 +173,7 @@ async def diagnosis(walk: Walk, page: Page, at: str) -> None:
             await page.wait_for_selector("[data-stage=done], [data-stage=failed]", timeout=120_000)
             await walk.look(page, "diagnosis ended")
         await page.click("main button.quiet")
+        await page.wait_for_selector("#recording")
 
 
 async def live(walk: Walk, page: Page, at: str, port: int) -> None:
