@@ -12,6 +12,7 @@ from highside.bench.driver import BenchDriver
 from highside.bench.session.snapshot import Command, CommandName
 from highside.codec.frame import Frame
 from highside.config.bench import load_bench
+from highside.errors import InputError
 from highside.link.base import LinkReason, LinkState
 
 FILE = """
@@ -58,3 +59,12 @@ def test_a_reply_is_as_young_as_what_is_shown_after_it(driver: BenchDriver) -> N
     shown = driver.snapshot().seq
     reply = asyncio.run(driver.command(Command(name=CommandName.START, request_id="1", operator="A. Operator")))
     assert reply.accepted and shown < reply.seq <= driver.snapshot().seq
+
+
+def test_a_session_that_somebody_is_at_is_named_where_nothing_can_be_gone_on_with(
+    driver: BenchDriver, tmp_path: Path
+) -> None:
+    """`--resume` beside it said that there is no session."""
+    name = Path(driver.journal_path or "").stem
+    with pytest.raises(InputError, match=f"session {name} is in use by another program"):
+        BenchDriver.go_on(load_bench(tmp_path / "bench.toml"))

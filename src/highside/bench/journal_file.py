@@ -184,6 +184,11 @@ class FoundJournal:
         return self.path.name.removesuffix(SUFFIX)
 
     @property
+    def held(self) -> bool:
+        """Whether somebody is at it."""
+        return self.state == "in use"
+
+    @property
     def progress(self) -> str:
         return f"{self.done} poses" if self.poses is None else f"{self.done} of {self.poses} poses"
 
@@ -244,6 +249,6 @@ def to_offer(directory: Path, tool_id: str, is_stored: Callable[[str], bool]) ->
     for found in sessions(directory, tool_id, is_stored):
         if found.resumable:
             return found
-        if found.done and found.state != "in use":
+        if found.done and not found.held:
             return None
     return None
