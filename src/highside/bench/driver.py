@@ -102,9 +102,17 @@ class BenchDriver:
         directory, tool = settings.store.sessions, settings.tool.id
         path = _session_of(settings, name) if name is not None else None
         if path is None:
-            found = unfinished(directory, tool, kept_by(settings.store.directory))
+            stored = kept_by(settings.store.directory)
+            # one that somebody is at is refused by its name below
+            found = unfinished(directory, tool, stored) or next(
+                (one for one in sessions(directory, tool, stored) if one.held), None
+            )
             if found is None:
-                raise _nothing_to_go_on_with(settings)
+                raise InputError(
+                    f"there is no unfinished session with poses of tool {tool!r}",
+                    where=str(directory),
+                    remedy="begin one without --resume; `highside calibrate sessions` lists them",
+                )
             path = found.path
         store = BenchStore.of(settings.store, settings.tool.serial)
         journal, read = JournalFile.reopen(path)
@@ -325,23 +333,6 @@ class BenchDriver:
 
 def _keeper(journal: JournalFile) -> Callable[[Entry], None]:
     return lambda entry: journal.write(entry, time.time())
-
-
-def _nothing_to_go_on_with(settings: BenchFile) -> InputError:
-    """No session of this tool may be gone on with; which one somebody is at, where that is why."""
-    directory, tool = settings.store.sessions, settings.tool.id
-    used = next((one for one in sessions(directory, tool, kept_by(settings.store.directory)) if one.held), None)
-    if used is not None:
-        return InputError(
-            f"session {used.name} is in use by another program, and no other of tool {tool!r} is unfinished",
-            where=str(directory),
-            remedy="end that program first; `highside calibrate sessions` lists them",
-        )
-    return InputError(
-        f"there is no unfinished session with poses of tool {tool!r}",
-        where=str(directory),
-        remedy="begin one without --resume; `highside calibrate sessions` lists them",
-    )
 
 
 def _session_of(settings: BenchFile, name: str) -> Path:
