@@ -106,12 +106,10 @@ def main() -> None:
         for motion, turns, rows in itertools.product(MOTIONS, TURNS, ROWS):
             if turns < max(arguments.fewest_turns, 4 if motion in ("there and back", "alternating") else 1):
                 continue
-            told, given = cell(noise, motion, turns, rows, seeds)
+            told, given, differ = cell(noise, motion, turns, rows, seeds)
             of, all_told = of + len(seeds), all_told + told
-            print(
-                f"{noise}, {motion}, {turns} turns of {rows}: told {told}, any order {given} of {len(seeds)}",
-                flush=True,
-            )
+            kind = f"{noise}, {motion}, {turns} turns of {rows}"
+            print(f"{kind}: told {told}, any order {given}, direction {differ} of {len(seeds)}", flush=True)
         print(f"{noise}: {all_told} of {of} told", flush=True)
 
 
