@@ -34,6 +34,10 @@ ORDERS = (
         "order (%(order)s) was taken; orders to %(higher)s fit these rows better, but not turns that the fit did not"
         " use (%(left)s against %(usual)s rms): %(why)s"
     ),
+    said_later(
+        "order %(order)s is the highest of the usual range; of less than two whole turns finer structure cannot be told"
+        " from noise that is slower than the rows: record more turns"
+    ),
     said_later("these rows are too few to predict it"),
     said_later("what is left does not come back from turn to turn"),
     said_later("order %(order)s was taken, beyond the usual range of %(usual)s"),
