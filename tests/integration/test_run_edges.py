@@ -8,7 +8,6 @@ import random
 import signal
 import stat
 import subprocess
-import threading
 import time
 from pathlib import Path
 
@@ -240,12 +239,13 @@ def test_a_rare_output_keeps_no_more_than_the_window(tmp_path):
 def test_what_is_no_regular_file_is_written_to_and_never_replaced(tmp_path):
     pipe, link, target = tmp_path / "pipe", tmp_path / "link.csv", tmp_path / "target.csv"
     os.mkfifo(pipe)
-    heard: list[bytes] = []
-    reader = threading.Thread(target=lambda: heard.append(pipe.read_bytes()))
-    reader.start()
-    write_whole(pipe, b"rows")
-    reader.join(10)
-    assert heard == [b"rows"]
+    # open before anything is written: a pipe that nobody reads is refused
+    reader = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
+    try:
+        write_whole(pipe, b"rows")
+        assert os.read(reader, 100) == b"rows"
+    finally:
+        os.close(reader)
     assert stat.S_ISFIFO(pipe.stat().st_mode)
     target.write_bytes(b"old")
     link.symlink_to(target)
