@@ -105,11 +105,6 @@ def files_of(modules: Sequence[str]) -> list[Path]:
     return list(files)
 
 
-def modules_below(folder: str) -> tuple[str, ...]:
-    """The modules of a folder of `src/highside`, and of those within it."""
-    return tuple(str(path.relative_to(TOP).with_suffix("")) for path in sorted((TOP / folder).rglob("*.py")))
-
-
 @cache
 def what_it_does(path: Path) -> str:
     """A Python file without what changes nothing in what it does: comments, docstrings, how its lines are broken."""
@@ -503,13 +498,8 @@ ROTATION = ("rotation", "attitude/angles")
 RIG = ("service/rig/surveys", "service/rig/toolface")
 SURVEYS = ("recording/kept_surveys", "reading/messages", "api/surveys", "watch")
 KEYS = ("recording/keys", "calibration/signature")
-MATLAB = "importing/forms/matlab"
-IMPORT = (
-    *(name for name in modules_below("importing") if name != MATLAB),
-    *("codec/axes", *TABLES),
-)
-"""of texts, which no damage makes a file of MATLAB or HDF5"""
-CONTAINERS = (*IMPORT, MATLAB, *(f"reading/{name}" for name in PACKED))
+IMPORT = ("importing", "codec/axes", *TABLES)
+CONTAINERS = (*IMPORT, *(f"reading/{name}" for name in PACKED))
 FLEET = ("fleet/catalogue", "reading/table")
 SESSION = ("bench/mqtt", "bench/session", "reading/messages", "reading/config_table")
 DRIFT = (
