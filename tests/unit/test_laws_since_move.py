@@ -65,6 +65,11 @@ def test_a_course_while_poses_are_held_is_a_law_that_predicts_another_session(ki
     assert [claim.depends_on for claim in made.claims] == [("time_since_move",)]
     model = made.model()
     assert model is not None
+    columns, added = recording(1, kind)
+    size = np.std(
+        added.reshape(3, POSES, ROWS) - added.reshape(3, POSES, ROWS).mean(axis=2, keepdims=True), axis=(1, 2)
+    )
+    assert made.claims[0].rms == pytest.approx(size.max(), rel=0.1)
     columns, added = recording(2, kind)
     told = predict(model, columns)
     plain = load_of(columns["inc_ref_deg"], columns["tf_ref_deg"])

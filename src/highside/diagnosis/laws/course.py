@@ -53,6 +53,13 @@ class Course:
     covariance: Array
 
 
+def of_unit_size(course: Course, held: HeldRows) -> Course:
+    """A course whose rms over all rows, less its means, is one: what its amplitudes are is the rms in g."""
+    power = Sums.of(held, course.axis).amplitudes(course.weights)[1]
+    size = float(np.sqrt(power.sum() / sum(r.size for r in held.rows)))
+    return Course(course.axis, course.weights / size, course.covariance / size**2)
+
+
 def decay_course(tau_s: float, longest_s: float) -> Course:
     """exp(-s / tau) over poses of up to this length."""
     axis = Axis(SINCE, 0.0, longest_s, (Function("decay", (0.0, tau_s)),))

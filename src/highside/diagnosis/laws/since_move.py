@@ -22,7 +22,7 @@ import numpy as np
 from highside.arrays import Array
 from highside.diagnosis.laws.chain import CHANNELS, OF_POSES, covariate_values, place_fields
 from highside.diagnosis.laws.claims import ReportedLaw, curve_of, reported_laws
-from highside.diagnosis.laws.course import SINCE, Course, HeldRows, Sums, course_beyond, decay_course
+from highside.diagnosis.laws.course import SINCE, Course, HeldRows, Sums, course_beyond, decay_course, of_unit_size
 from highside.diagnosis.laws.found import Found
 from highside.diagnosis.laws.groups import Bases, LawGroup, axis_of, each_place, varying
 from highside.diagnosis.laws.policy import LAW_GROUPS, LAW_SEARCH
@@ -52,6 +52,7 @@ def laws_since_move(held: HeldRows, state: ChainState, model: ForwardModel) -> t
     course = course_beyond(held, sigma, simple, course) or course
     if course is None:
         return None
+    course = of_unit_size(course, held)
     value, power = Sums.of(held, course.axis).amplitudes(course.weights)
     # the amplitudes are known for any time since a move: what they follow is sought with that left out
     covariates[SINCE] = np.zeros(state.n)
