@@ -79,6 +79,13 @@ def test_a_course_while_poses_are_held_is_a_law_that_predicts_another_session(ki
     assert np.sum((true - own) ** 2) < 0.02 * np.sum(true**2)
 
 
+def test_it_is_not_said_to_leave_the_misfit_of_the_means_to_noise() -> None:
+    made = diagnose(recording(1, "there and back")[0], MODEL)
+    page = made.html()
+    assert "follows time since the last move" in page
+    assert "is taken for noise" not in page
+
+
 def test_beside_what_the_means_show_it_has_its_own_small_share() -> None:
     columns = recording(1, "decay")[0]
     load = load_of(columns["inc_ref_deg"], columns["tf_ref_deg"])

@@ -298,6 +298,9 @@ def _overlap(sizes: Sequence[float], explained: float) -> str:
 def _taken_for_noise(diagnosis: DiagnosisResult, explained: float, shares: Mapping[str, float]) -> str:
     """What is left where the verdict says that nothing else is: slow noise was learnt that is as large."""
     left = 1.0 - explained
+    if explained <= 0.0:
+        # laws of what rows do while poses are held: shares are of the misfit of the means, which knows nothing of it
+        return ""
     if diagnosis.verdict not in NOTHING_ELSE or not shares or left < PART_SAID:
         return ""
     return " " + _("What is left, %(share)s of the misfit, is taken for noise that wanders.", share=_percent(left))
