@@ -16,6 +16,7 @@ from __future__ import annotations
 import argparse
 import asyncio
 import contextlib
+import math
 import re
 import sys
 import tempfile
@@ -367,14 +368,30 @@ async def engineer(walk: Walk, at: str, port: int, folder: Path) -> None:
     if walk.brief:
         return
     file = folder / "recording.csv"
-    rows = "".join(f"{0.1 * k},{0.001 * (k % 7)},0.0,1.0\n" for k in range(200))
-    for name, head in (("open", "a,b,c,d\n"), ("looked at", "t_s,ax_g,ay_g,az_g\n")):
-        await asyncio.to_thread(file.write_text, head + rows)
+    for name, text in (("open", "a,b,c,d\n" + "0.1,0.2,0.3,1.0\n" * 200), ("looked at", poses_of_a_bench())):
+        await asyncio.to_thread(file.write_text, text)
         await walk.face.choose("#recording", file)
         await walk.press("form[action='/diagnosis/file'] button")
         await walk.look(f"engineer: file {name}", "document.querySelector('[data-stage=looked]')")
+        if name == "looked at":
+            await walk.press("main button:not(.quiet)")
+            ended = "document.querySelector('[data-stage=done]')"
+            await walk.face.until(ended, 120.0)
+            await walk.look("engineer: diagnosis ended", ended)
         await walk.press("main button.quiet")
         await walk.face.until("document.querySelector('#recording')")
+
+
+def poses_of_a_bench() -> str:
+    """A recording of 40 poses of four rows, of a tool with an offset."""
+    lines = ["t_s,ax_g,ay_g,az_g,inc_ref_deg,tf_ref_deg,pose"]
+    for k in range(160):
+        inc, tf, noise = 15.0 + 37.0 * (k // 4) % 150, 83.0 * (k // 4) % 360, 2e-5 * ((7 * k) % 11 - 5)
+        i, t = math.radians(inc), math.radians(tf)
+        read = (math.sin(i) * math.cos(t) + 2e-3, math.sin(i) * math.sin(t), math.cos(i))
+        axes = ",".join(f"{value + noise * (-1) ** n:.6f}" for n, value in enumerate(read))
+        lines.append(f"{10.0 * (k // 4) + 0.5 * (k % 4)},{axes},{inc},{tf},{k // 4}")
+    return "\n".join(lines) + "\n"
 
 
 PEOPLE: tuple[Callable[[Walk, str, int, Path], Any], ...] = (technician, operator, engineer)
