@@ -67,9 +67,9 @@ def laws_since_move(held: HeldRows, state: ChainState, model: ForwardModel) -> t
         for t, alike in zip(found.terms, found.classes, strict=True)
     )
     found = replace(found, classes=classes)
-    return (
-        ([_with_course(one, found, course) for one in reported_laws(found, model.ids)], found) if found.terms else None
-    )
+    if not found.terms:
+        return None
+    return [_with_course(one, found, course) for one in reported_laws(found, model.ids)], found
 
 
 def _simple(load: Array, previous: Array) -> Array:
