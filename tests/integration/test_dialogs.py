@@ -54,6 +54,7 @@ async def test_what_is_behind_an_open_dialog_is_inert(tmp_path: Path) -> None:
             assert await page.locator("[role=dialog]").count() == 1, f"{role}: a key asked behind the dialog"
             await page.keyboard.press("Escape")
             await page.wait_for_function(f"!{BEHIND}")
+            await expect(page.locator("[role=dialog]")).to_have_count(0)  # it fades, and is not behind while it does
             await expect(opener).to_be_focused()
             await expect(page.locator(".badge")).to_have_text("ready")
         # with none open the keys count again; the question before a command is a dialog too
