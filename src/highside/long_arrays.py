@@ -23,6 +23,7 @@ __all__ = [
     "by_runs",
     "counted",
     "is_long",
+    "mean_square",
     "numbered_rows",
     "runs_of",
 ]
@@ -317,6 +318,13 @@ def by_runs(like: object, shape: tuple[int, ...], of: Read) -> AnyArray:
     if is_long(like):
         return cast(AnyArray, LongArray(shape, of))
     return of(slice(0, shape[-1]))
+
+
+def mean_square(values: AnyArray) -> Array:
+    """(C, 1) mean of the squares of (C, n) along the rows: of as many rows the same number to the last bit, whether or
+    not they are in the memory."""
+    total = sum(np.sum(values[:, part] ** 2, axis=1, keepdims=True) for part in runs_of(values.shape[-1]))
+    return np.asarray(total / values.shape[-1])
 
 
 def numbered_rows(like: AnyArray) -> Array:

@@ -23,7 +23,7 @@ from highside.diagnosis.core.chunks import chunks_of
 from highside.diagnosis.core.untestable import one_sided
 from highside.diagnosis.rows.bases import BasisGroup, Recipe, Rows, rotation_groups, rotation_interactions
 from highside.diagnosis.rows.policy import DESIGN
-from highside.diagnosis.rows.scratch import kept, rows_with_memory
+from highside.diagnosis.rows.scratch import all_with_memory, kept, rows_with_memory
 from highside.diagnosis.rows.session import FIRST_GYRO, RotationSession
 from highside.long_arrays import runs_of
 from highside.physics.effect import Effect, Stage
@@ -411,7 +411,7 @@ class ChainDesign(Design):
         if session.long:
             every = stored(session.readings, (session.n,), rows_with_memory(session.state, added))
         else:
-            every = kept(added(session.state))
+            every = kept(all_with_memory(session.state, added))
         return lambda rows: [every[rows.first : rows.first + rows.state.n]]
 
     def _line(self, effect: Effect, value: float) -> list[int]:

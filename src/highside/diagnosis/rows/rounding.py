@@ -6,7 +6,7 @@ import numpy as np
 
 from highside.arrays import Array
 from highside.diagnosis.rows.policy import ROW_NOISE
-from highside.long_arrays import by_runs
+from highside.long_arrays import by_runs, mean_square
 
 
 def rounding(readings: Array, residual: Array, seed: int) -> Array:
@@ -14,7 +14,7 @@ def rounding(readings: Array, residual: Array, seed: int) -> Array:
 
     A simulation without noise has none, and then what effects do beyond first order would be all that is observed.
     """
-    of_readings, of_residual = (np.sqrt(np.mean(x**2, axis=1, keepdims=True)) for x in (readings, residual))
+    of_readings, of_residual = (np.sqrt(mean_square(x)) for x in (readings, residual))
     size = np.maximum(ROW_NOISE.rounding * of_readings, ROW_NOISE.digits * of_residual)
 
     def of(part: slice) -> Array:

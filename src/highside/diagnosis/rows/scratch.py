@@ -26,12 +26,23 @@ def kept(values: Array) -> Array:
     return values if values.size <= DESIGN.in_memory else cast(Array, filed(values))
 
 
+def all_with_memory(state: ChainState, of: Callable[[ChainState], Array]) -> Array:
+    """(..., N) what `of` gives for all rows of a state, made in the memory by the very runs of `rows_with_memory`.
+
+    A lag takes the step of its rows from the first two of those that it is given at once: at late times the difference
+    of two that lie close together is known to fewer digits (2e-10 of 0.02 s after 2e4 s), and a column of all rows and
+    one of runs would differ by as much.
+    """
+    return np.concatenate(list(rows_with_memory(state, of)), axis=-1)
+
+
 def rows_with_memory(state: ChainState, of: Callable[[ChainState], Array]) -> Iterator[Array]:
     """(..., n) what `of` gives for each run of the rows of a state: its memory reaches from run to run."""
     carry = Carry()
     for part in runs_of(state.n):
         # the first row of all stands before the run: effects reckon time from it
-        rows = np.concatenate([[0], np.arange(part.start, part.stop)])
+        before = 1 if part.start else 0
+        rows = np.concatenate([np.zeros(before, dtype=np.intp), np.arange(part.start, part.stop)])
         with carried(carry):
             made = of(state.rows(rows))
-        yield made[..., 1:]
+        yield made[..., before:]
