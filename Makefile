@@ -68,19 +68,23 @@ BENCHMARKS = bulk_attitude bulk_schedule codec_speed diagnosis_speed diagnosis_m
 bench: $(VENV)/.test
 	for name in $(BENCHMARKS); do $(BIN)/python -m tests.bench.$$name || exit 1; done
 
-## evidence: the long Monte-Carlo runs, every person's pages, the further cases of tests and a minute of each soak, figures printed
+## evidence: the long Monte-Carlo runs, every person's pages, the further cases of tests and a minute of each soak, figures printed.
+## Monte Carlo is on WORKERS processes (0: all processors), its answers are kept in PARTS: interrupted, it goes on when called again
+WORKERS ?= 0
+PARTS ?= $(VENV)/evidence
+OVER = --workers $(WORKERS) --parts $(PARTS)
 evidence: $(VENV)/.test
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m studies.calibration_montecarlo --sensors 1000 --first-seed 300000
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m studies.schedule_coverage --sensors 600 --first-seed 400000
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m studies.session_coverage 100
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m studies.balance_coverage 54
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m studies.schedule_coverage --sensors 600 --first-seed 400000 $(OVER)
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m studies.session_coverage 100 $(OVER)
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m studies.balance_coverage 54 $(OVER)
 	$(BIN)/python -m studies.drift_scenarios --only "S1r elevation 0" --seeds 1 --no-rivals --efficiency 60 --consistency 100 --false-stops-h 10
 	$(BIN)/python -m studies.drift_limit
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m studies.watch_wells --wells 30 --departures 300 --first-seed 5000
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m studies.watch_limits --wells 20 --first-seed 41000
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m studies.watch_wells --wells 30 --departures 300 --first-seed 5000 $(OVER)
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m studies.watch_limits --wells 20 --first-seed 41000 $(OVER)
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m studies.watch_beyond --wells 20
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m studies.fleet_lots --fleets 50 --tools 40 --first-seed 90000
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m studies.fleet_lots --fleets 25 --tools 40 --first-seed 96000 --hidden laws
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m studies.fleet_lots --fleets 50 --tools 40 --first-seed 90000 $(OVER)
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m studies.fleet_lots --fleets 25 --tools 40 --first-seed 96000 --hidden laws $(OVER)
 	$(BIN)/python -m studies.fleet_scale --job solve --sessions 1000 --kills 10 --ends 2
 	PYTHONPATH=. $(BIN)/python tests/integration/people_walk.py
 	$(BIN)/python -m pytest -q -m further tests/unit tests/integration

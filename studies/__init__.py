@@ -4,6 +4,9 @@ No part of the product and no test: each is run from the top of the checkout, `p
 tables. They run for minutes to hours. Tests take their simulated sensors and cases from here, and run some of them
 short. Speeds are measured elsewhere (`tests/bench`, `make bench`).
 
+Where a study has the options `--workers` and `--parts`, its cases are answered by the processes of a fleet
+(`studies.over_seeds`): the same figures, on all processors, and a study that was interrupted goes on where it stopped.
+
 | program | asks |
 |---|---|
 | `calibration_montecarlo` | how near each calibration method comes to the least error that is possible |
@@ -17,5 +20,7 @@ short. Speeds are measured elsewhere (`tests/bench`, `make bench`).
 | `watch_real` | false alarms of the watch over open recordings |
 | `rotation_gap` | compensation over a part of the turn that was never seen |
 | `diagnosis_deck` (`rotation_deck`, `rotation_cases`) | the development deck of `highside diagnose` |
+| `fleet_lots`, `fleet_scale` | what lots of tools share, and what distributing costs |
+| `giant_recording` | cost and memory of one long recording |
 | `sealed.score` | the sealed decks of `highside diagnose` |
 """

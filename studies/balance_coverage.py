@@ -1,7 +1,7 @@
 """How often what one published table predicts of the others holds: simulated instruments, tables 1 to 6 of each.
 
-    python -m studies.balance_coverage [INSTRUMENTS [FIRST_SEED [FILE]]]      (6 and 500000; half a minute each,
-                                                                            `make evidence` takes 54)
+    python -m studies.balance_coverage [INSTRUMENTS [FIRST_SEED [FILE]]] [--workers 0 --parts DIR]
+                                                    (6 and 500000; half a minute each, `make evidence` takes 54)
 
 Each instrument of the kind of the balance paper's is drawn at random and known (`drawn_instrument`); the paper's whole
 experiment is simulated on it, and a table 1 is written down. What `highside diagnose --summary` finds in that table
@@ -14,8 +14,8 @@ there.
 
 from __future__ import annotations
 
+import argparse
 import json
-import sys
 import time
 from pathlib import Path
 from typing import Any
@@ -31,6 +31,7 @@ from highside.papers.balance_prediction import DRAWS, Predictions, predict, run_
 from highside.papers.balance_session import COLUMNS, INCLINATIONS_DEG, METHODS, PaperPlan, cells_of, run_session
 from highside.physics.effects import all_effects
 from highside.physics.forward import ForwardModel
+from studies import over_seeds
 
 FREE = ("bias", "scale", "misalignment")
 EFFECTS = (
@@ -119,24 +120,38 @@ def departures(predictions: Predictions) -> dict[str, list[float]]:
     return found
 
 
-def main(count: int, first: int, file: Path | None) -> None:
+def one_instrument(seed: int) -> dict[str, Any]:
+    """Of one instrument: by column and in all how many cells are within their intervals and of how many; signs right
+    and known; departures; the effects it has and those found; how long it took."""
+    start = time.perf_counter()
+    predictions, has, found = one(seed)
+    known = [c.sign for c in predictions.cells if c.counts and c.sign is not None]
+    return {
+        "columns": {column: [tally.covered, tally.of] for column, tally in predictions.by_column().items()},
+        "overall": [predictions.overall.covered, predictions.overall.of],
+        "signs": [sum(known), len(known)],
+        "departures": departures(predictions),
+        "has": has,
+        "found": found,
+        "seconds": time.perf_counter() - start,
+    }
+
+
+def main(count: int, first: int, file: Path | None, over: over_seeds.Over) -> None:
     """Print the coverage."""
     shares = {column: np.zeros((count, 2)) for column in COLUMNS}
     signs = np.zeros(2, dtype=int)
-    for k in range(count):
-        start = time.perf_counter()
-        predictions, has, found = one(first + k)
-        for column, tally in predictions.by_column().items():
-            shares[column][k] = tally.covered, tally.of
-        known = [c.sign for c in predictions.cells if c.counts and c.sign is not None]
-        signs += np.array([sum(known), len(known)])
+    for k, own in enumerate(over(one_instrument, [(first + k,) for k in range(count)])):
+        for column, tally in own["columns"].items():
+            shares[column][k] = tally
+        signs += np.array(own["signs"])
         if file is not None:
             with file.open("a") as lines:
-                lines.write(json.dumps({"seed": first + k, **departures(predictions)}) + "\n")
-        whole = predictions.overall
+                lines.write(json.dumps({"seed": first + k, **own["departures"]}) + "\n")
+        covered, of = own["overall"]
         print(
-            f"{first + k}: {whole.covered} of {whole.of}; has {', '.join(has)}; table 1 shows {', '.join(found)}; "
-            f"{time.perf_counter() - start:.0f} s",
+            f"{first + k}: {covered} of {of}; has {', '.join(own['has'])}; table 1 shows {', '.join(own['found'])}; "
+            f"{own['seconds']:.0f} s",
             flush=True,
         )
     print(f"{count} instruments, 95 % intervals:")
@@ -150,6 +165,10 @@ def main(count: int, first: int, file: Path | None) -> None:
 
 
 if __name__ == "__main__":
-    given = sys.argv[1:]
-    numbers = [int(text) for text in given[:2]] + [6, 500_000][len(given[:2]) :]
-    main(*numbers, Path(given[2]) if len(given) > 2 else None)
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("instruments", type=int, nargs="?", default=6)
+    parser.add_argument("first_seed", type=int, nargs="?", default=500_000)
+    parser.add_argument("file", type=Path, nargs="?")
+    over_seeds.add_options(parser)
+    options = parser.parse_args()
+    main(options.instruments, options.first_seed, options.file, over_seeds.chosen(options, seconds=30.0))

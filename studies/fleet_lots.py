@@ -5,7 +5,7 @@ at random from the library (or from the laws that stand beside it, `--hidden law
 one tool has a large effect of its own. Score and information are those of a real session (simulated and diagnosed once,
 126 poses while the temperature rises by 10 C); the scores of each tool are drawn about its truth.
 
-    python -m studies.fleet_lots --fleets 50 --tools 40
+    python -m studies.fleet_lots --fleets 50 --tools 40 [--workers 0 --parts DIR]
 """
 
 from __future__ import annotations
@@ -13,7 +13,8 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,7 @@ from highside.diagnosis.core.effect_scores import EffectScores
 from highside.fleet.common import Common, LotScores, ToolScores, judge
 from highside.physics.effects import all_effects
 from highside.physics.law import PREFIX
+from studies import over_seeds
 
 MODEL: dict[str, Any] = {
     "sensor": {"bias_g": [1e-3, -8e-4, 1e-3], "scale": [0.003, -0.004, 0.002]},
@@ -43,6 +45,7 @@ OUTLIER = 12.0
 """standard deviations: what one tool has for itself"""
 
 
+@cache
 def scores_of_a_session(seed: int) -> EffectScores:
     """Score and information of one session without anything left out."""
     data = highside.diagnose(highside.simulate(MODEL, seed=seed).recording, KNOWN).report_data
@@ -150,6 +153,29 @@ def counted(count: Count, seed: int, scores: EffectScores, among: Sequence[int],
     count.fleets += count.invented + count.wrong > before
 
 
+def entries_of(scores: EffectScores, hidden: str) -> list[int]:
+    """Numbers of the entries that are `effects` of the library, or `laws`."""
+    if hidden == "laws":
+        return [e for e, entry in enumerate(scores.entries) if entry.startswith(PREFIX)]
+    return [e for e, entry in enumerate(scores.entries) if entry.split("[")[0] in all_effects()]
+
+
+def one_fleet(seed: int, hidden: str, tools: int) -> dict[str, Any]:
+    """What one fleet comes to, as `Count`."""
+    scores, count = scores_of_a_session(1), Count()
+    counted(count, seed, scores, entries_of(scores, hidden), entries_of(scores, "effects"), tools)
+    return asdict(count)
+
+
+def together(counts: Sequence[dict[str, Any]]) -> Count:
+    """What a number of fleets came to: numbers and lists are added."""
+    total = Count()
+    for own in counts:
+        for name, value in own.items():
+            setattr(total, name, getattr(total, name) + value)
+    return total
+
+
 def main() -> None:
     """Print what was found, missed and invented."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -157,15 +183,14 @@ def main() -> None:
     parser.add_argument("--tools", type=int, default=40, help="of a lot")
     parser.add_argument("--first-seed", type=int, default=70_000)
     parser.add_argument("--hidden", choices=["effects", "laws"], default="effects", help="what lots have in common")
+    over_seeds.add_options(parser)
     arguments = parser.parse_args()
     begun = time.perf_counter()
-    scores = scores_of_a_session(1)
-    library = [e for e, entry in enumerate(scores.entries) if entry.split("[")[0] in all_effects()]
-    laws = [e for e, entry in enumerate(scores.entries) if entry.startswith(PREFIX)]
-    among = library if arguments.hidden == "effects" else laws
-    count, n = Count(), arguments.fleets
-    for seed in range(arguments.first_seed, arguments.first_seed + n):
-        counted(count, seed, scores, among, library, arguments.tools)
+    scores, n = scores_of_a_session(1), arguments.fleets
+    library, laws = entries_of(scores, "effects"), entries_of(scores, "laws")
+    seeds = range(arguments.first_seed, arguments.first_seed + n)
+    over = over_seeds.chosen(arguments)
+    count = together(over(one_fleet, [(seed, arguments.hidden, arguments.tools) for seed in seeds]))
     took = time.perf_counter() - begun
     print(f"{n} fleets of 5 lots of {arguments.tools} tools, {len(library)} effects, {len(laws)} laws, {took:.0f} s")
     print(

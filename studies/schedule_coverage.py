@@ -1,6 +1,6 @@
 """Coverage of the stated 95 % intervals of I and T through schedules: at, between and beyond their zones.
 
-    python -m studies.schedule_coverage [--sensors N] [--only KIND]
+    python -m studies.schedule_coverage [--sensors N] [--only KIND] [--workers 0 --parts DIR]
 
 Every sensor is calibrated on a bench of its own and read at known attitudes, one reading a row of the table. What a
 method takes for zero and knows the size of, the bench's tilt and the sensor's offset, is normal with just that standard
@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from statistics import NormalDist
 
@@ -33,6 +33,7 @@ from highside.calibration.linear_errors import BenchAccuracy
 from highside.calibration.poses import PoseSet
 from highside.calibration.schedule import ScheduledCorrection
 from highside.physics.forward import ForwardModel
+from studies import over_seeds
 from studies.scenario import reference_scenario
 
 PLACES_DEG = (0.2, 0.4, 0.612, 0.9, 1.0, 1.6, 2.0, 2.5, 4.0, 7.0, 10.0, 20.0, 25.0, 37.0, 50.0, 68.0, 82.0, 90.0, 100.0)
@@ -119,6 +120,11 @@ def held(kind: Kind, seed: int, tilt: Array) -> tuple[Array, int]:
     return inside.reshape(2, len(PLACES_DEG), READINGS), len(correction.zones)
 
 
+def one_sensor(name: str, seed: int, tilt: Sequence[float]) -> tuple[Array, int]:
+    """As `held`, of a kind by its name."""
+    return held(KINDS[name], seed, np.array(tilt))
+
+
 @dataclass(frozen=True)
 class Coverage:
     """Shares (2, places) of intervals of I and T that hold the truth, their standard deviations over draws of sensors,
@@ -129,12 +135,12 @@ class Coverage:
     zones: float
 
 
-def coverage(kind: Kind, sensors: int, first_seed: int = 0) -> Coverage:
-    """Of `sensors` sensors from `first_seed` on."""
+def coverage(name: str, sensors: int, first_seed: int = 0, over: over_seeds.Over = over_seeds.in_a_loop) -> Coverage:
+    """Of `sensors` sensors of a kind, from `first_seed` on."""
     middles = [NormalDist().inv_cdf((k + 0.5) / sensors) for k in range(sensors)]
     rng = np.random.default_rng(first_seed)
-    tilts = np.deg2rad(kind.tilt_deg) * np.stack([rng.permutation(middles) for _ in range(2)], axis=1)
-    found = [held(kind, first_seed + k, tilt) for k, tilt in enumerate(tilts)]
+    tilts = np.deg2rad(KINDS[name].tilt_deg) * np.stack([rng.permutation(middles) for _ in range(2)], axis=1)
+    found = over(one_sensor, [(name, first_seed + k, tilt) for k, tilt in enumerate(tilts.tolist())])
     by_sensor = np.mean([inside for inside, _ in found], axis=3)
     std = by_sensor.std(axis=0, ddof=1) / math.sqrt(sensors)
     return Coverage(by_sensor.mean(axis=0), std, float(np.mean([zones for _, zones in found])))
@@ -145,12 +151,14 @@ def main() -> None:
     parser.add_argument("--sensors", type=int, default=300)
     parser.add_argument("--first-seed", type=int, default=0, help="sensors of another number are other sensors")
     parser.add_argument("--only", choices=sorted(KINDS))
+    over_seeds.add_options(parser)
     options = parser.parse_args()
+    over = over_seeds.chosen(options, seconds=0.02)
     print("| " + " | ".join(["kind", "", *(f"{place:g}" for place in PLACES_DEG), "mean", "zones"]) + " |")
     print("|" + "---|" * (len(PLACES_DEG) + 4))
-    for name, kind in KINDS.items():
+    for name in KINDS:
         if options.only in (None, name):
-            found = coverage(kind, options.sensors, options.first_seed)
+            found = coverage(name, options.sensors, options.first_seed, over)
             for label, row in zip("IT", found.share, strict=True):
                 cells = [f"{100 * value:.1f}" for value in (*row, row.mean())]
                 print("| " + " | ".join([name, label, *cells, f"{found.zones:.1f}"]) + " |")

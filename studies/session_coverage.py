@@ -1,7 +1,7 @@
 """How often a session's record is within twice its stated uncertainty of the simulated truth, for each plan.
 
-    python -m studies.session_coverage [SEEDS [WORD]]      (10 where not given; `make evidence` takes 100;
-                                                                WORD: only the plans whose names hold it)
+    python -m studies.session_coverage [SEEDS [WORD]] [--workers 0 --parts DIR]     (10 where not given; `make evidence`
+                                                    takes 100; WORD: only the plans whose names hold it)
 
 Sensors at random (scale within 0.5 %, misalignment 0.2 deg, offset 2 mg), benches at random (tilt 0.02 deg, settings
 0.0052 deg, half of the variance common to inclination or station), everything through the session: stillness,
@@ -11,13 +11,14 @@ where the plan goes over temperature both are taken at each of its temperatures,
 
 from __future__ import annotations
 
-import sys
+import argparse
 
 import numpy as np
 
 from highside.bench.session import outcome, plans
 from highside.bench.session.plans import Criterion, Limits, SessionKind, SessionPlan
 from highside.bench.session.snapshot import SessionState
+from studies import over_seeds
 from tests.session.rehearsal import Rehearsal, random_sensor
 
 EIGHTHS = tuple(45.0 * k for k in range(8))
@@ -49,8 +50,9 @@ PLANS: dict[str, SessionPlan] = {
 }
 
 
-def one(plan: SessionPlan, seed: int) -> tuple[bool, bool, float, float]:
-    """Accepted, within, and the two errors in units of what is stated."""
+def one(name: str, seed: int) -> tuple[bool, bool, float, float]:
+    """Of a plan: accepted, within, and the two errors in units of what is stated."""
+    plan = PLANS[name]
     tilt = tuple(np.random.default_rng([seed, 3]).normal(0.0, 0.02, 2).tolist())
     options = {"tilt_deg": tilt, "settle_s": 0.5, "turn_rate_dps": 120.0, "oven_tau_s": 10.0}
     options |= {"offset_per_c": tuple(np.random.default_rng([seed, 4]).normal(0.0, 1e-5, 3).tolist())}
@@ -94,7 +96,8 @@ def verdict(seed: int, moved_g: float) -> str | None:
     return None if done.session.solved is None else outcome.verdict_of(done.session.solved)
 
 
-def main(seeds: int, word: str = "") -> None:
+def main(seeds: int, word: str, over: over_seeds.Over) -> None:
+    """Print the table."""
     print(
         f"| plan | poses | accepted of {seeds} | within 2 sigma: both, I, T | median I error / stated |"
         " median T error / stated |"
@@ -103,7 +106,7 @@ def main(seeds: int, word: str = "") -> None:
     for name, plan in PLANS.items():
         if word not in name:
             continue
-        found = [one(plan, seed) for seed in range(seeds)]
+        found = over(one, [(name, seed) for seed in range(seeds)])
         accepted, within = sum(f[0] for f in found), sum(f[1] for f in found)
         each = [sum(f[k] <= 2.0 for f in found) for k in (2, 3)]
         inc, tf = np.nanmedian([f[2] for f in found]), np.nanmedian([f[3] for f in found])
@@ -114,10 +117,15 @@ def main(seeds: int, word: str = "") -> None:
         )
     if word in ("", "verdict"):
         for moved_g, what in ((0.0, "unchanged"), (10e-3, "offset moved by 10 mg (0.57 deg)")):
-            found = [verdict(seed, moved_g) for seed in range(seeds)]
-            reported = ", ".join(f"{found.count(name)} {name}" for name in ("pass", "undecided", "fail"))
+            said = over(verdict, [(seed, moved_g) for seed in range(seeds)])
+            reported = ", ".join(f"{said.count(name)} {name}" for name in ("pass", "undecided", "fail"))
             print(f"verification at 0.3 deg, sensor {what}: {reported}", flush=True)
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]) if len(sys.argv) > 1 else 10, *sys.argv[2:3])
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("seeds", type=int, nargs="?", default=10)
+    parser.add_argument("word", nargs="?", default="")
+    over_seeds.add_options(parser)
+    options = parser.parse_args()
+    main(options.seeds, options.word, over_seeds.chosen(options, seconds=2.0))

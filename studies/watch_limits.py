@@ -7,7 +7,7 @@ all measurements at once, inclination and phase of each turn unknown, everything
 walk. A departure of known kind and time that is `z` standard deviations of the bound passes the threshold `h` with 50 %
 where `z = sqrt(h)`, with 90 % where it is 1.28 more. The watch knows neither kind nor time nor sign.
 
-    python -m studies.watch_limits --wells 20 --first-seed 41000
+    python -m studies.watch_limits --wells 20 --first-seed 41000 [--workers 0 --parts DIR]
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ import numpy as np
 from highside.arrays import Array
 from highside.watch import POLICY, STATED, Prior, Still, Turning, Watch
 from highside.watch.parameters import INDEX, SIZE
+from studies import over_seeds
 from studies.watch_wells import G0, Conditions, Departure, Well, stated_prior
 
 KINDS = (
@@ -182,6 +183,11 @@ def least(kind: str, seed: int, conditions: Conditions, name: str) -> tuple[floa
     return float(np.sqrt(low * high)), std
 
 
+def one_well(kind: str, seed: int, hours: float, name: str) -> tuple[float, float] | None:
+    """As `least`, in wells of that many hours and the vibration of this study."""
+    return least(kind, seed, Conditions(hours=hours, vibration_g=3.0), name)
+
+
 def row(word: str, name: str, unit: str, results: list[tuple[float, float] | None]) -> str:
     """Of the table: sizes found with 50 and 90 %, the bound's, and their ratios."""
     got = [one for one in results if one is not None]
@@ -207,14 +213,16 @@ def main() -> None:
     parser.add_argument("--profile", default="J", help="of the wells: J, S, vertical, 45, 88")
     parser.add_argument("--only", nargs="*", default=[""], help="departures whose name begins so")
     parser.add_argument("--first-seed", type=int, default=41_000)
+    over_seeds.add_options(parser)
     args = parser.parse_args()
-    conditions = Conditions(hours=args.hours, vibration_g=3.0)
+    over = over_seeds.chosen(args, seconds=5.0)
     print("| class | departure | unit | 50 % | bound | ratio | 90 % | bound | ratio | not found at all |")
     print("|---|---|---|---|---|---|---|---|---|---|")
     for word, name, unit in KINDS:
         if name.startswith(tuple(args.only)):
             seeds = range(args.first_seed, args.first_seed + args.wells)
-            print(row(word, name, unit, [least(args.profile, k, conditions, name) for k in seeds]), flush=True)
+            cases = [(args.profile, k, args.hours, name) for k in seeds]
+            print(row(word, name, unit, over(one_well, cases)), flush=True)
 
 
 if __name__ == "__main__":

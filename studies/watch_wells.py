@@ -5,9 +5,9 @@ collar and gravity goes down a hole; each stand gives a still at a random toolfa
 of rotation, as means and harmonics with the errors that such have (white noise, a floor, whirl, a walk). One well of
 the frame level, rows of accelerometers and gyros through a recording, is `frames`.
 
-    python -m studies.watch_wells --wells 30 --departures 30 --first-seed 5000
+    python -m studies.watch_wells --wells 30 --departures 30 --first-seed 5000 [--workers 0 --parts DIR]
 
-`--keep FILE` writes what became of each well as it ends, a line of JSON each. A share is given with the 95 % interval
+`--keep FILE` writes what became of each well, a line of JSON each. A share is given with the 95 % interval
 of Wilson; that of intervals that hold the truth with the standard error between wells, whose twelve err together.
 """
 
@@ -17,9 +17,10 @@ import argparse
 import json
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -27,6 +28,7 @@ from highside.arrays import Array
 from highside.watch import POLICY, STATED, Prior, StatedNoise, Still, Turning, Watch
 from highside.watch.parameters import INDEX, NAMES, SIZE, prior
 from highside.watch.present import error_of, std_of
+from studies import over_seeds
 
 G0 = 9.80665
 WELLS = ("J", "S", "vertical", "45", "88")
@@ -414,33 +416,21 @@ def _print_others(word: str, found: list[Outcome]) -> None:
     print(f"  where noise grew: departs was said, too, in {sum(one.alarmed for one in judged)}", flush=True)
 
 
-def quiet(
-    wells: int, first_seed: int, conditions: Conditions, keep: Callable[[Outcome], None] = lambda one: None
-) -> list[Outcome]:
+def quiet(wells: int, first_seed: int, conditions: Conditions) -> list[Outcome]:
     """Wells in which nothing departs."""
-    out = []
-    for k in range(wells):
-        out.append(run(WELLS[k % len(WELLS)], first_seed + k, conditions))
-        keep(out[-1])
-    return out
+    return [run(WELLS[k % len(WELLS)], first_seed + k, conditions) for k in range(wells)]
 
 
-def departing(
-    wells: int,
-    first_seed: int,
-    conditions: Conditions,
-    *,
-    coefficients: bool = False,
-    keep: Callable[[Outcome], None] = lambda one: None,
-) -> list[Outcome]:
-    """Wells in each of which one thing departs: a step, or a coefficient of temperature."""
-    out = []
-    for k in range(wells):
-        rng = np.random.default_rng([first_seed, k])
-        what = drawn_coefficient(rng) if coefficients else drawn_departure(rng, conditions.hours)
-        out.append(run(WELLS[k % len(WELLS)], first_seed + k, conditions, what))
-        keep(out[-1])
-    return out
+def departing(wells: int, first_seed: int, conditions: Conditions) -> list[Outcome]:
+    """Wells in each of which one step happens."""
+    return [departing_well(first_seed, k, conditions) for k in range(wells)]
+
+
+def departing_well(first_seed: int, k: int, conditions: Conditions, *, coefficients: bool = False) -> Outcome:
+    """The k-th of wells in each of which one thing departs: a step, or a coefficient of temperature."""
+    rng = np.random.default_rng([first_seed, k])
+    what = drawn_coefficient(rng) if coefficients else drawn_departure(rng, conditions.hours)
+    return run(WELLS[k % len(WELLS)], first_seed + k, conditions, what)
 
 
 def upper_95(count: int, hours: float) -> float:
@@ -460,15 +450,35 @@ def share(count: int, of: int) -> str:
     return f"{count} of {of} [{100 * abs(low):.1f}, {100 * high:.1f}] %"
 
 
-def _kept_in(path: Path | None, word: str) -> Callable[[Outcome], None]:
-    """A line of each well, of that `word`, as it ends."""
+def ways(hours: float) -> dict[str, Conditions]:
+    """Conditions of wells in which nothing departs, by what is said of them."""
+    stated = Conditions(hours=hours)
+    return {
+        "as stated": stated,
+        "noise 1.4 and walk 1.5 times the stated": replace(stated, noise=1.4, walk=1.5),
+        "walk 1.5 times the stated": replace(stated, walk=1.5),
+        "1/f noise of 30 ug, as the watch is told": replace(stated, flicker_g=3e-5, told=FLICKERING),
+    }
 
-    def keep(one: Outcome) -> None:
-        if path is not None:
-            with path.open("a", encoding="utf-8") as file:
-                print(json.dumps({"of": word, **asdict(one)}, default=lambda number: number.item()), file=file)
 
-    return keep
+def one_quiet(word: str, hours: float, seed: int, kind: str) -> tuple[dict[str, Any], float]:
+    """A well in which nothing departs, as `Outcome`, and its processor time, s."""
+    begun = time.process_time()
+    return asdict(run(kind, seed, ways(hours)[word])), time.process_time() - begun
+
+
+def one_departing(first_seed: int, k: int, hours: float, coefficients: bool) -> dict[str, Any]:
+    """A well in which one thing departs, as `Outcome`."""
+    return asdict(departing_well(first_seed, k, Conditions(hours=hours), coefficients=coefficients))
+
+
+def kept(path: Path | None, word: str, found: Sequence[dict[str, Any]]) -> list[Outcome]:
+    """The outcomes; a line of each, of that `word`, is added to a file."""
+    if path is not None:
+        with path.open("a", encoding="utf-8") as file:
+            for one in found:
+                print(json.dumps({"of": word, **one}), file=file)
+    return [Outcome(**one | {"what": None if one["what"] is None else Departure(**one["what"])}) for one in found]
 
 
 def main() -> None:
@@ -486,26 +496,29 @@ def main() -> None:
         "--flicker", action="store_true", help="also wells with 1/f noise of 30 ug, whirl, and a watch that is told so"
     )
     parser.add_argument("--others", type=int, default=0, help="wells each with rectification, drifts, growing noise")
-    parser.add_argument("--keep", type=Path, help="file to which a line of JSON of each well is added as it ends")
+    parser.add_argument("--keep", type=Path, help="file to which a line of JSON of each well is added")
+    over_seeds.add_options(parser)
     args = parser.parse_args()
+    over = over_seeds.chosen(args, seconds=10.0)
     stated = Conditions(hours=args.hours)
-    ways = [("as stated", stated), ("noise 1.4 and walk 1.5 times the stated", replace(stated, noise=1.4, walk=1.5))]
-    if args.walk:
-        ways.append(("walk 1.5 times the stated", replace(stated, walk=1.5)))
-    if args.flicker:
-        ways.append(("1/f noise of 30 ug, as the watch is told", replace(stated, flicker_g=3e-5, told=FLICKERING)))
-    for word, conditions in ways if args.wells else ():
-        begun = time.process_time()
-        found = quiet(args.wells, args.first_seed, conditions, _kept_in(args.keep, word))
-        _print_quiet(word, found, time.process_time() - begun)
+    asked = [True, True, args.walk, args.flicker]
+    for word in [name for name, wanted in zip(ways(args.hours), asked, strict=True) if wanted and args.wells]:
+        cases = [(word, args.hours, args.first_seed + k, WELLS[k % len(WELLS)]) for k in range(args.wells)]
+        made = over(one_quiet, cases)
+        _print_quiet(word, kept(args.keep, word, [one for one, _ in made]), sum(seconds for _, seconds in made))
+
+    def departures(count: int, first_seed: int, *, coefficients: bool) -> list[dict[str, Any]]:
+        return over(one_departing, [(first_seed, k, args.hours, coefficients) for k in range(count)])
+
     if args.departures:
-        keep = _kept_in(args.keep, "departure")
-        _print_departures(departing(args.departures, args.first_seed + 100_000, stated, keep=keep))
+        found = departures(args.departures, args.first_seed + 100_000, coefficients=False)
+        _print_departures(kept(args.keep, "departure", found))
     for k, word in enumerate(OTHERS if args.others else ()):
         _print_others(word, others(word, args.others, args.first_seed + 300_000 + 10_000 * k, stated))
     if args.coefficients:
         print("temperature coefficients:")
-        _print_departures(departing(args.coefficients, args.first_seed + 200_000, stated, coefficients=True))
+        found = departures(args.coefficients, args.first_seed + 200_000, coefficients=True)
+        _print_departures(kept(None, "coefficient", found))
 
 
 def _print_quiet(word: str, found: list[Outcome], processor_s: float) -> None:

@@ -22,7 +22,7 @@ def test_stated_intervals_of_blends_hold_the_truth_in_95_percent(name: str) -> N
     The bounds lie four standard deviations and more away: other draws fail by chance in fewer than one of 1,000 runs.
     The bound `sum w Cov(x)` would give 97.8 % on a level bench.
     """
-    found = study.coverage(study.KINDS[name], SENSORS)
+    found = study.coverage(name, SENSORS)
     share = found.share
     assert found.zones == 10.0
     inside = np.mean(share[:, BLENDS], axis=1)

@@ -13,10 +13,11 @@ import pytest
 from highside.errors import InputError
 from highside.fleet.catalogue import Entry
 from highside.fleet.flushed import TOGETHER
+from highside.fleet.given_out import pieces
 from highside.fleet.jobs import Order, empty_row
 from highside.fleet.parts import PartStore
 from highside.fleet.policy import TASKS
-from highside.fleet.run import _batches, work_on
+from highside.fleet.run import work_on
 from highside.fleet.summary import summarise
 
 TIMES = {"seconds": 0.25, "cpu_s": 0.125}
@@ -127,7 +128,7 @@ def test_work_is_given_out_in_pieces_that_keep_all_processes_and_the_scheduler_f
     """1,000 short recordings: a quarter of a process's share, at most 10 s, and no more tasks than a scheduler can."""
     entries = [Entry(f"{i}.csv", str(i), size=0) for i in range(1000)]
     cost = TASKS.seconds_of(job, 0)
-    batches = list(_batches(entries, [cost] * 1000, processes))
+    batches = list(pieces(entries, [cost] * 1000, TASKS.batch_seconds(1000 * cost, processes)))
     assert [entry for batch in batches for entry in batch] == entries
     sizes = [len(batch) * cost for batch in batches]
     assert max(sizes) <= seconds + 1e-9 and min(sizes[:-1]) > seconds - 2 * cost

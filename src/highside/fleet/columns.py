@@ -85,6 +85,8 @@ KINDS: Mapping[str, Made] = {
     "record_id": _texts,
     "basis": _texts,
     "last": _texts,
+    "arguments": _texts,
+    "answer": _texts,
 }
 """of every column of a result, how it is made"""
 

@@ -21,6 +21,7 @@ from typing import Any
 from highside.errors import HighsideError, InputError
 from highside.fleet.catalogue import Entry
 from highside.fleet.cluster import cluster_client
+from highside.fleet.given_out import Lost, answers, pieces
 from highside.fleet.jobs import Order, empty_row, modules_of, row_of
 from highside.fleet.parts import PartStore, content_digest, key_of
 from highside.fleet.policy import TASKS
@@ -80,37 +81,19 @@ def run(
     # a damaged part is said before anything is begun
     store.look()
     outcomes: dict[str, Outcome] = {}
-    costs = [TASKS.seconds_of(order.job, _size_of(entry)) for entry in entries]
+    sizes = {entry.uri: _size_of(entry) for entry in entries}
+    costs = [TASKS.seconds_of(order.job, size) for size in sizes.values()]
     processes = workers or os.cpu_count() or 1
     watched = sum(costs) > TASKS.watched_s * processes if dashboard is None else dashboard
     with cluster_client(processes, scheduler, modules_of(order.job), dashboard=watched) as client:
-        from distributed import as_completed
-
         page = str(client.dashboard_link or "") if watched or scheduler is not None else ""
         progress(0, len(work), page)
-        given = {}
         if scheduler is not None:
             processes = max(1, sum(client.nthreads().values()))
-        for batch in _batches(entries, costs, processes):
-            pairs = [(entry.uri, work[entry.uri]) for entry in batch]
-            given[_submit(client, pairs, store.folder)] = (pairs, 1)
-        pending = as_completed(list(given))
-        for future in pending:
-            pairs, attempt = given.pop(future)
-            if future.status == "finished":
-                outcomes |= {one.uri: one for one in future.result()}
-            else:
-                error = future.exception() if future.status == "error" else None
-                if isinstance(error, HighsideError):
-                    # results cannot be written or read: no fault of the recordings
-                    raise error
-                for again in _again(pairs, attempt):
-                    other = _submit(client, again, store.folder)
-                    given[other] = (again, attempt + 1 if len(pairs) == 1 else 1)
-                    pending.add(other)
-                if len(pairs) == 1 and attempt >= TASKS.attempts:
-                    outcomes[pairs[0][0]] = _deadly(pairs[0], store, error)
-            future.release()
+        given = pieces(list(work.items()), costs, TASKS.batch_seconds(sum(costs), processes))
+        for made in answers(client, given, lambda pairs: _submit(client, pairs, store.folder)):
+            found = [_deadly(made, store)] if isinstance(made, Lost) else made
+            outcomes |= {one.uri: one for one in found}
             progress(len(outcomes), len(work), page)
     finished = Finished(_with_errors_of_before([outcomes[entry.uri] for entry in entries], store))
     store.write_catalogue(entries, finished.keys, order.job)
@@ -141,21 +124,6 @@ def _order_of(entry: Entry, order: Order) -> Order:
     return own
 
 
-def _batches(entries: Sequence[Entry], costs: Sequence[float], processes: int) -> Iterator[list[Entry]]:
-    """What is given out in one piece: about ten seconds of work, less where all of it is soon done by the processes."""
-    most = TASKS.batch_seconds(sum(costs), processes)
-    batch: list[Entry] = []
-    seconds = 0.0
-    for entry, cost in zip(entries, costs, strict=True):
-        if batch and seconds + cost > most:
-            yield batch
-            batch, seconds = [], 0.0
-        batch.append(entry)
-        seconds += cost
-    if batch:
-        yield batch
-
-
 def _size_of(entry: Entry) -> int:
     if entry.size is not None:
         return entry.size
@@ -171,28 +139,16 @@ def _submit(client: Any, pairs: Sequence[Work], folder: Path) -> Any:
     return client.submit(work_on, list(pairs), str(folder), pure=False, retries=0)
 
 
-def _again(pairs: Sequence[Work], attempt: int) -> list[list[Work]]:
-    """The tasks that a task whose process died is given out as again."""
-    if len(pairs) > 1:
-        return [[pair] for pair in pairs]
-    return [list(pairs)] if attempt < TASKS.attempts else []
-
-
-def _deadly(pair: Work, store: PartStore, error: BaseException | None) -> Outcome:
+def _deadly(lost: Lost[Work], store: PartStore) -> Outcome:
     """The result of a recording that ended every process it was given to, or that none could begin with."""
-    from distributed import KilledWorker
-
-    uri, order = pair
-    said = f"ended {TASKS.attempts} processes that worked on it (out of memory?)"
-    if error is not None and not isinstance(error, KilledWorker):
-        said = f"no process could work on it: {type(error).__name__}: {error}"
+    uri, order = lost.thing
     try:
         with _at_hand(uri) as path:
             key = _key(path, order)
     except HighsideError as gone:
         return Outcome(uri, None, "error", False, error=_of_named(uri, str(gone)))
-    store.write({key: empty_row(order.job) | {"error": said, "seconds": None, "cpu_s": None}})
-    return Outcome(uri, key, "error", True, error=said)
+    store.write({key: empty_row(order.job) | {"error": lost.said, "seconds": None, "cpu_s": None}})
+    return Outcome(uri, key, "error", True, error=lost.said)
 
 
 def work_on(pairs: Sequence[Work], folder: str) -> list[Outcome]:
