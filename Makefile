@@ -74,7 +74,7 @@ WORKERS ?= 0
 PARTS ?= $(VENV)/evidence
 OVER = --workers $(WORKERS) --parts $(PARTS)
 evidence: $(VENV)/.test
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m studies.calibration_montecarlo --sensors 1000 --first-seed 300000
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m studies.calibration_montecarlo --sensors 1000 --first-seed 300000 $(OVER)
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m studies.schedule_coverage --sensors 600 --first-seed 400000 $(OVER)
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m studies.session_coverage 100 $(OVER)
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m studies.balance_coverage 54 $(OVER)

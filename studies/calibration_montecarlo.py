@@ -5,6 +5,7 @@ error of inclination and toolface is compared with the Cramer-Rao total: reading
 poses allow, pose errors of the bench included. Run it by itself (a few minutes at 200 instruments):
 
     python -m studies.calibration_montecarlo --sensors 200 [--only KIND] [--first-seed N] [--json FILE]
+                                             [--workers 0 --parts DIR]
 
 The result is Markdown on standard output. imucal (extra `rivals`) is measured beside ours if it is installed.
 """
@@ -21,6 +22,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from highside.arrays import Array
 from highside.calibration.advice import bound_of_angles, plan_information
@@ -34,6 +36,7 @@ from highside.calibration.result import CalibrationResult
 from highside.calibration.sensor import SensorModel
 from highside.physics.gravity import gravity_direction
 from highside.physics.plan import BALANCE_TOOLFACES_DEG, PUBLISHED_INCLINATIONS_DEG, pose_grid
+from studies import over_seeds
 from studies.scenario import PoseData, Scenario, reference_scenario
 
 INCLINATIONS = np.deg2rad(np.array(PUBLISHED_INCLINATIONS_DEG))
@@ -124,6 +127,58 @@ def wrapped(angle: Array) -> Array:
     return (angle + np.pi) % (2 * np.pi) - np.pi
 
 
+CELLS = (ASCENDING.size, TOOLFACES.size)
+
+
+def judged(kind: Kind, seed: int, *, rivals: bool, solve: Callable[[PoseSet], CalibrationResult]) -> dict[str, Any]:
+    """One instrument, calibrated and read at known attitudes. Of I and T, over inclinations: mean squares of the errors
+    of ours and of every other method (2, inclinations), and the shares that lie in their intervals."""
+    inc, tf = (x.ravel() for x in np.meshgrid(ASCENDING, TOOLFACES, indexing="ij"))
+    steep, around = (x.ravel() for x in np.meshgrid(NEARLY_VERTICAL, TOOLFACES, indexing="ij"))
+    scenario = reference_scenario(seed, poses_rad=kind.plan(), **kind.scenario)
+    rng = np.random.default_rng([seed, 99])
+    poses = pose_set(scenario.poses)
+    started = time.process_time()
+    result = solve(poses)
+    spent = time.process_time() - started
+    noisy = scenario.read(inc, tf, rng)
+    error = _errors(result.correct(noisy), inc, tf)
+    inside = _within(error, result.predict_std(inc, tf, scenario.reading_sigma_g))
+    v_error = _errors(result.correct(scenario.read(steep, around, rng)), steep, around)
+    vertical = _within(v_error, result.predict_std(steep, around, scenario.reading_sigma_g))
+    squares = {"ours": _mean_squares(error)}
+    if rivals:
+        for name, corrected in _rivals(scenario, poses, noisy, inc, rng).items():
+            squares[name] = _mean_squares(_errors(corrected, inc, tf))
+        squares["joint with tilt"] = squares["ours"]
+        ideal = gravity_direction(inc, tf) + scenario.reading_sigma_g * rng.standard_normal((3, inc.size))
+        squares["limit: perfect calibration"] = _mean_squares(_errors(ideal, inc, tf))
+    return {
+        "squares": squares,
+        "inside": inside.reshape(2, *CELLS).mean(axis=2),
+        "vertical": vertical.mean(axis=1),
+        "admitted": str(result.options["admitted"]),
+        "remarks": [remark.reason.value for remark in result.remarks],
+        "closures": [closure.p for closure in result.closures],
+        "spent_s": spent,
+    }
+
+
+def _within(error: tuple[Array, Array], std: tuple[Array, Array]) -> NDArray[np.bool_]:
+    """(2, N) whether I and T lie in their intervals of 95 %."""
+    return np.stack([np.abs(one) <= 1.96 * of for one, of in zip(error, std, strict=True)])
+
+
+def _mean_squares(error: tuple[Array, Array]) -> Array:
+    """(2, inclinations) over toolfaces."""
+    return np.asarray(np.mean(np.stack(error).reshape(2, *CELLS) ** 2, axis=2))
+
+
+def one_sensor(kind: str, seed: int, rivals: bool) -> dict[str, Any]:
+    """As `judged`, of a kind by its name."""
+    return judged(KINDS[kind], seed, rivals=rivals, solve=joint)
+
+
 def run(
     kind: Kind,
     sensors: int,
@@ -131,80 +186,55 @@ def run(
     rivals: bool = True,
     first_seed: int = 0,
     solve: Callable[[PoseSet], CalibrationResult] = joint,
+    over: over_seeds.Over | None = None,
 ) -> Study:
-    """Calibrate and judge `sensors` instruments."""
-    inc, tf = (x.ravel() for x in np.meshgrid(ASCENDING, TOOLFACES, indexing="ij"))
-    steep, around = (x.ravel() for x in np.meshgrid(NEARLY_VERTICAL, TOOLFACES, indexing="ij"))
-    cells = (ASCENDING.size, TOOLFACES.size)
-    squares: dict[str, list[Array]] = {}
-    error, inside, vertical = [], [], []
-    admitted: Counter[str] = Counter()
-    remarks: Counter[str] = Counter()
-    closures: list[float] = []
-    spent = []
-    plan = kind.plan()
-    for seed in range(first_seed, first_seed + sensors):
-        scenario = reference_scenario(seed, poses_rad=plan, **kind.scenario)
-        rng = np.random.default_rng([seed, 99])
-        poses = pose_set(scenario.poses)
-        started = time.process_time()
-        result = solve(poses)
-        spent.append(time.process_time() - started)
-        admitted[str(result.options["admitted"])] += 1
-        remarks.update(remark.reason.value for remark in result.remarks)
-        closures += [closure.p for closure in result.closures]
-        noisy = scenario.read(inc, tf, rng)
-        d_inc, d_tf = _errors(result.correct(noisy), inc, tf)
-        std_inc, std_tf = result.predict_std(inc, tf, scenario.reading_sigma_g)
-        error.append((d_inc.reshape(cells), d_tf.reshape(cells)))
-        held = (np.abs(d_inc) <= 1.96 * std_inc, np.abs(d_tf) <= 1.96 * std_tf)
-        inside.append((held[0].reshape(cells), held[1].reshape(cells)))
-        v_inc, v_tf = _errors(result.correct(scenario.read(steep, around, rng)), steep, around)
-        vs_inc, vs_tf = result.predict_std(steep, around, scenario.reading_sigma_g)
-        vertical.append((np.abs(v_inc) <= 1.96 * vs_inc, np.abs(v_tf) <= 1.96 * vs_tf))
-        if rivals:
-            for name, corrected in _rivals(scenario, poses, noisy, inc, rng).items():
-                pair = _errors(corrected, inc, tf)
-                squares.setdefault(name, []).append(np.stack(pair).reshape(2, *cells) ** 2)
-            squares.setdefault("joint with tilt", []).append(np.stack([d_inc, d_tf]).reshape(2, *cells) ** 2)
-            ideal = gravity_direction(inc, tf) + scenario.reading_sigma_g * rng.standard_normal((3, inc.size))
-            pair = _errors(ideal, inc, tf)
-            squares.setdefault("limit: perfect calibration", []).append(np.stack(pair).reshape(2, *cells) ** 2)
-    F = plan_information(
-        *plan, names=kind.names, noise_g=scenario.pose_sigma_g, variances=kind.variances, with_prior=False
-    )
-    bound_inc, bound_tf = bound_of_angles(np.linalg.inv(F), kind.names, inc, tf, noise_g=scenario.reading_sigma_g)
-    rms_inc, rms_tf = (np.sqrt(np.mean(np.array([pair[k] for pair in error]) ** 2, axis=(0, 2))) for k in (0, 1))
-    best_inc, best_tf = (np.sqrt(np.mean(x.reshape(cells) ** 2, axis=1)) for x in (bound_inc, bound_tf))
-    by_sensor = [np.mean(np.array([pair[k] for pair in inside]), axis=2) for k in (0, 1)]
-    scatter = [float(one.std(axis=0, ddof=1).max()) / np.sqrt(sensors) for one in by_sensor]
+    """Calibrate and judge `sensors` instruments; `over`: by what, where they are calibrated by `joint`."""
+    seeds = range(first_seed, first_seed + sensors)
+    if over is None:
+        found = [judged(kind, seed, rivals=rivals, solve=solve) for seed in seeds]
+    else:
+        found = over(one_sensor, [(kind.name, seed, rivals) for seed in seeds])
+    squares = {name: np.mean([one["squares"][name] for one in found], axis=0) for name in found[0]["squares"]}
+    (rms_inc, rms_tf), best, reading_g = np.sqrt(squares.pop("ours")), *_bound(kind, seeds[-1])
+    by_sensor = np.array([one["inside"] for one in found])
+    scatter = by_sensor.std(axis=0, ddof=1).max(axis=1) / np.sqrt(sensors)
+    vertical = np.mean([one["vertical"] for one in found], axis=0)
     middle = int(np.argmin(np.abs(ASCENDING - np.deg2rad(45.0))))
     methods = {}
-    for name, values in squares.items():
-        total = np.mean(np.array(values), axis=(0, 3))
+    for name, total in squares.items():
         deg = np.rad2deg(np.sqrt(total))
         methods[name] = (float(np.rad2deg(np.sqrt(np.nanmean(total[0])))), float(deg[1, 0]), float(deg[1, middle]))
+    inside_inc, inside_tf = by_sensor.mean(axis=0)
     return Study(
         kind=kind.name,
         sensors=sensors,
-        ratio_inc=rms_inc / best_inc,
-        ratio_tf=rms_tf / best_tf,
+        ratio_inc=rms_inc / best[0],
+        ratio_tf=rms_tf / best[1],
         rms_inc=rms_inc,
         rms_tf=rms_tf,
-        limit_tf=scenario.reading_sigma_g / np.sin(ASCENDING),
-        coverage_inc=by_sensor[0].mean(axis=0),
-        coverage_tf=by_sensor[1].mean(axis=0),
-        coverage_std=(scatter[0], scatter[1]),
-        coverage_vertical=(
-            float(np.mean([pair[0] for pair in vertical])),
-            float(np.mean([pair[1] for pair in vertical])),
-        ),
+        limit_tf=reading_g / np.sin(ASCENDING),
+        coverage_inc=inside_inc,
+        coverage_tf=inside_tf,
+        coverage_std=(float(scatter[0]), float(scatter[1])),
+        coverage_vertical=(float(vertical[0]), float(vertical[1])),
         methods=methods,
-        admitted=dict(admitted),
-        remarks=dict(remarks),
-        joint_ms=1e3 * float(np.median(spent)),
-        closure_p=np.array(closures),
+        admitted=dict(Counter(one["admitted"] for one in found)),
+        remarks=dict(Counter(remark for one in found for remark in one["remarks"])),
+        joint_ms=1e3 * float(np.median([one["spent_s"] for one in found])),
+        closure_p=np.array([p for one in found for p in one["closures"]]),
     )
+
+
+def _bound(kind: Kind, seed: int) -> tuple[Array, float]:
+    """(2, inclinations) the Cramer-Rao total of I and T, rms over toolfaces, and the noise of a reading, g."""
+    inc, tf = (x.ravel() for x in np.meshgrid(ASCENDING, TOOLFACES, indexing="ij"))
+    plan = kind.plan()
+    scenario = reference_scenario(seed, poses_rad=plan, **kind.scenario)
+    F = plan_information(
+        *plan, names=kind.names, noise_g=scenario.pose_sigma_g, variances=kind.variances, with_prior=False
+    )
+    bounds = bound_of_angles(np.linalg.inv(F), kind.names, inc, tf, noise_g=scenario.reading_sigma_g)
+    return np.sqrt(_mean_squares(bounds)), scenario.reading_sigma_g
 
 
 def _errors(g: Array, inc: Array, tf: Array) -> tuple[Array, Array]:
@@ -311,9 +341,11 @@ def main() -> None:
     parser.add_argument("--only", choices=sorted(KINDS))
     parser.add_argument("--json", type=Path)
     parser.add_argument("--first-seed", type=int, default=0, help="sensors of another number are other sensors")
+    over_seeds.add_options(parser)
     chosen = parser.parse_args()
+    over = over_seeds.chosen(chosen, seconds=0.1)
     kinds = [KINDS[chosen.only]] if chosen.only else list(KINDS.values())
-    studies = [run(kind, chosen.sensors, first_seed=chosen.first_seed) for kind in kinds]
+    studies = [run(kind, chosen.sensors, first_seed=chosen.first_seed, over=over) for kind in kinds]
     print(to_markdown(studies))
     if chosen.json:
         plain = [
