@@ -26,6 +26,18 @@ def test_a_strong_law_of_several_in_few_poses_is_told_though_noise_would_take_it
     assert row["closed"] > closed
 
 
+def test_each_of_two_strong_laws_in_few_poses_is_chosen_by_its_evidence_with_the_noise_learnt_again(
+    tmp_path: Path,
+) -> None:
+    # beside any one noise offsets of all axes that follow time gain more than either, and nothing is left for the other
+    case = every_case("a8d2cc90c1702daeeaaa123b11a1caf618258a7c", ("law",))["law/318"]()
+    assert len(set(case.recording["pose"])) == 13
+    row = run_case(case, tmp_path)
+    told = {(claim["place"], *claim["depends_on"]) for claim in row["answer"]["claims"]}
+    assert told == {("toolface", "temp"), ("matrix", "vibration")}
+    assert row["closed"] > 0.95
+
+
 def test_where_noise_far_above_the_floor_stays_a_law_of_a_few_nats_is_no_claim(tmp_path: Path) -> None:
     # an offset of the toolface would gain 15.6 nats, and leave 29 times the floor
     row = run_case(every_case(DECK, ("law",))["law/308"](), tmp_path)

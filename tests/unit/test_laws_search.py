@@ -1,6 +1,7 @@
 """Laws are found where they are, judged on another session; where there is none, noise of any kind is none."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from highside.diagnosis.core.observed import Observed
 from highside.diagnosis.laws.chain import chain_problem
 from highside.diagnosis.laws.claims import reported_laws
 from highside.diagnosis.laws.evidence import Families, Whitened, best_priors
+from highside.diagnosis.laws.few_values_policy import FEW_VALUES
 from highside.diagnosis.laws.found import Found
 from highside.diagnosis.laws.groups import groups_of
 from highside.diagnosis.laws.noise import LadderNoise, LawNoise, Whitener, ladder_lengths
@@ -134,6 +136,34 @@ def test_noise_is_no_law(kind: str) -> None:
     # with the floor alone it would be one
     assert white.scores([])[0].max() > 12
     assert Search(posed).run().terms == ()
+
+
+@pytest.mark.parametrize("shaken", [(2,), (0, 2)])
+def test_noise_far_above_the_floor_bars_a_law_from_its_own_channels_alone(shaken: tuple[int, ...]) -> None:
+    state = session(21, 14)
+    rng = np.random.default_rng(21)
+    noise = SIGMA * rng.normal(size=(3, state.n))
+    for channel in shaken:
+        noise[channel] += 50 * SIGMA * rng.normal(size=state.n)
+    found = Search(problem(state, PLAIN.predict(state) + 6 * offset_of_temp(state) + noise)[1]).run()
+    # of 14 values on one channel a law can gain 23 nats beside noise that is learnt, 60 times the floor before it
+    assert [t.group.label for t in found.terms] == ([] if 0 in shaken else ["offset_x_temp"])
+    if found.terms:
+        assert found.noise.times_the_floor(found.problem)[0] < 1.5
+        assert found.gains[0] < FEW_VALUES.gain
+
+
+@pytest.mark.parametrize(("floor", "asked"), [(SIGMA / 40, True), (SIGMA / 1e6, False)])
+def test_only_noise_far_above_a_measured_floor_has_laws_chosen_one_by_one(
+    floor: float, asked: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    begun = list[int]()
+    monkeypatch.setattr(Search, "_next_by_evidence", lambda search, _: begun.append(search.problem.n))
+    state = session(6, 14)
+    readings = PLAIN.predict(state) + SIGMA * np.random.default_rng(6).normal(size=(3, state.n))
+    posed = replace(problem(state, readings)[1], floor=np.full(readings.shape, floor))
+    assert Search(posed).run().terms == ()
+    assert begun == ([state.n] if asked else [])
 
 
 def test_the_gain_of_a_group_is_the_ratio_of_two_densities() -> None:

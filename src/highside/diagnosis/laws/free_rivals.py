@@ -20,8 +20,7 @@ from highside.diagnosis.laws.found import Found
 from highside.diagnosis.laws.groups import LawGroup
 from highside.diagnosis.laws.noise import Whitener
 from highside.diagnosis.laws.policy import LAW_SEARCH, LAW_VERDICT
-from highside.diagnosis.laws.problem import LawProblem
-from highside.diagnosis.laws.search import independent
+from highside.diagnosis.laws.problem import LawProblem, independent
 from highside.diagnosis.laws.set_angles import may_hide_a_law
 from highside.physics.effects import all_effects
 from highside.physics.law import PREFIX

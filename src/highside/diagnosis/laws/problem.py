@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highside.arrays import Array
+from highside.diagnosis.core.regression import flattened
 from highside.diagnosis.laws.policy import LAW_GROUPS
 from highside.physics.covariates import lag_of
 from highside.physics.memory import low_pass
@@ -103,3 +104,15 @@ class LawProblem:
     def count(self) -> int:
         """Number of channels."""
         return int(self.residual.shape[0])
+
+
+def independent(free: Array, floor: Array) -> Array:
+    """(Q, C, n) columns that span what is free, each of the size of the floor and none twice."""
+    if not len(free):
+        return free
+    white = flattened(free / floor)
+    size = np.linalg.norm(white, axis=1, keepdims=True)
+    white = white[size[:, 0] > 0] / size[size[:, 0] > 0]
+    _, values, rows = np.linalg.svd(white, full_matrices=False)
+    kept = rows[values > 1e-9 * values[0]]
+    return np.asarray(kept.reshape(-1, *free.shape[1:]) * floor)

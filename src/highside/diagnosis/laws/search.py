@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from highside.arrays import Array
-from highside.diagnosis.core.regression import flattened
 from highside.diagnosis.laws.between import best_between, between_of, with_plain_temperature
 from highside.diagnosis.laws.classes import class_of
 from highside.diagnosis.laws.edges import several_edges
@@ -23,21 +22,9 @@ from highside.diagnosis.laws.noise import LawNoise, Whitener
 from highside.diagnosis.laws.onsets import Onsets, begun
 from highside.diagnosis.laws.other_than_time import without_time
 from highside.diagnosis.laws.policy import LAW_SEARCH
-from highside.diagnosis.laws.problem import LawProblem
+from highside.diagnosis.laws.problem import LawProblem, independent
+from highside.diagnosis.laws.state import State, which
 from highside.diagnosis.laws.variants import as_simple, variants_of
-
-
-@dataclass
-class _State:
-    terms: list[LawTerm]
-    noise: LawNoise
-    evidence: float
-    residual: Array
-
-    @property
-    def worth(self) -> float:
-        """Its evidence less what each law must be worth: of sets that explain as much the one of fewer laws stays."""
-        return self.evidence - LAW_SEARCH.each * len(self.terms)
 
 
 class Search:
@@ -77,17 +64,17 @@ class Search:
         """All starts; the highest evidence stays."""
         floor = LawNoise.floor_alone(self.problem)
         first = self._learn([], self.problem.residual)
-        quiet = self._whitened(_State([], floor, 0.0, self.problem.residual))
+        quiet = self._whitened(State([], floor, 0.0, self.problem.residual))
         # where the floor alone shows nothing, no noise shows more
         gains, _ = quiet.scores([], least=LAW_SEARCH.gain, within=LAW_SEARCH.simpler)
         if float(np.max(gains, initial=-np.inf)) < LAW_SEARCH.gain:
             return self._found(first)
         # beside the floor first: what is whitened under it is there
-        other = self._grown(_State([], floor, -np.inf, self.problem.residual), relearn=False)
+        other = self._grown(State([], floor, -np.inf, self.problem.residual), relearn=False)
         one = self._proved(self._grown(first, relearn=True))
         two = self._learn(other.terms, self.problem.residual)
         # noise that explains more than all of its laws needs no further look
-        if two.worth >= one.worth and _which(two.terms) != _which(one.terms):
+        if two.worth >= one.worth and which(two.terms) != which(one.terms):
             two = self._proved(self._grown(self._proved(two), relearn=True))
             one = max((one, two), key=lambda s: s.worth)
         one = self._from_between(one)
@@ -97,16 +84,16 @@ class Search:
             return self._found(one)
         return self._found(self._without_time(self._from_onsets(one) if self.problem.every_pair else one))
 
-    def _from_between(self, best: _State) -> _State:
+    def _from_between(self, best: State) -> State:
         """What was found, or what begins beside white noise between the floor and what was learnt, and does better."""
         learnt = best.noise.times_the_floor(self.problem)
         if self.problem.n > FEW_VALUES.most or float(learnt.max()) < FEW_VALUES.far:
             return best
         for power in FEW_VALUES.between:
             noise = replace(LawNoise.floor_alone(self.problem), factor=learnt**power)
-            start = self._grown(_State([], noise, -np.inf, self.problem.residual), relearn=False)
+            start = self._grown(State([], noise, -np.inf, self.problem.residual), relearn=False)
             state = self._learn(start.terms, self.problem.residual)
-            if state.worth < best.worth or _which(state.terms) == _which(best.terms):
+            if state.worth < best.worth or which(state.terms) == which(best.terms):
                 continue
             made = self._proved(self._grown(self._proved(state), relearn=True))
             still = float(made.noise.times_the_floor(self.problem).max()) >= FEW_VALUES.far
@@ -114,9 +101,58 @@ class Search:
                 best = max((best, made), key=lambda s: s.worth)
             if best is made and not still:
                 break
-        return best
+        measured = float(learnt.max()) < FEW_VALUES.unmeasured
+        return self._step_by_step(best) if measured and not best.terms else best
 
-    def _from_edges(self, best: _State) -> _State:
+    def _step_by_step(self, nothing: State) -> State:
+        """Laws, each chosen by its evidence with the noise learnt again, where no other start finds any."""
+        varied = self._tried
+        # what was varied beside other noise is varied again
+        self._tried = set()
+        state = nothing
+        while len(state.terms) < LAW_SEARCH.most and (further := self._next_by_evidence(state)) is not None:
+            state = further
+        if state is not nothing:
+            state = self._proved(self._grown(self._proved(state), relearn=True))
+        self._tried = varied
+        return state if self._worth_it_beside_what_stays(state) else nothing
+
+    def _next_by_evidence(self, state: State) -> State | None:
+        """The state with one law more: of those that gain most beside less noise the one of the highest evidence with
+        the noise learnt again. None where that is not worth a law, or little noise is left."""
+        learnt = state.noise.times_the_floor(self.problem)
+        if float(learnt.max()) < FEW_VALUES.far:
+            return None
+        tried: dict[LawGroup, State] = {}
+        for power in FEW_VALUES.powers:
+            noise = replace(LawNoise.floor_alone(self.problem), factor=learnt**power)
+            gains, priors = self._whitened(replace(state, noise=noise)).scores(state.terms)
+            gains = self._each_name_once(gains, state.terms)
+            for i in np.argsort(-gains)[: FEW_VALUES.first]:
+                if self.groups[i] not in tried and gains[i] >= LAW_SEARCH.gain:
+                    terms = [*state.terms, LawTerm(self.groups[i], priors[i])]
+                    tried[self.groups[i]] = self._learn(terms, self.problem.residual)
+        likeliest = sorted(tried.values(), key=lambda s: -s.evidence)[: FEW_VALUES.settled]
+        best = max(map(self._settled, likeliest), key=lambda s: s.less_tries, default=state)
+        return best if best.less_tries - state.less_tries >= LAW_SEARCH.gain - LAW_SEARCH.each else None
+
+    def _settled(self, state: State) -> State:
+        """A state whose terms are refitted and varied beside its own noise, while that does better."""
+        for _ in range(LAW_SEARCH.rounds):
+            terms = self._varied(state, self._refitted_with_rivals(self._whitened(state), state.terms))
+            other = self._learn(terms, self.problem.residual)
+            if other.less_tries <= state.less_tries:
+                break
+            state = other
+        return state
+
+    def _worth_it_beside_what_stays(self, state: State) -> bool:
+        """Whether each law, on whose channels noise far above the floor stays, is worth more than others must be."""
+        far = state.noise.times_the_floor(self.problem) >= FEW_VALUES.far
+        costs = zip(state.terms, self._costs(state), strict=True)
+        return all(cost >= FEW_VALUES.gain for term, cost in costs if far[list(term.group.channels)].any())
+
+    def _from_edges(self, best: State) -> State:
         """What was found, its noise taking something slow, or edges that do better, and what goes with them."""
         first = best
         for k, run in enumerate(several_edges(self.problem, self.groups, self.problem.residual)):
@@ -136,18 +172,18 @@ class Search:
         self.families = self.families.of(self.groups, self.families.barred)
         return max((first, self._proved(self._grown(self._proved(best), relearn=True))), key=lambda s: s.worth)
 
-    def _from_onsets(self, first: _State) -> _State:
+    def _from_onsets(self, first: State) -> State:
         """What was found, or what begins with a law that sets in midway and does better."""
         floor = LawNoise.floor_alone(self.problem)
         best, groups = first, list[LawGroup]()
         for noise in (floor, *([] if first.noise.remembers else [first.noise])):
-            state = _State([], noise, -np.inf, first.residual)
+            state = State([], noise, -np.inf, first.residual)
             onsets = Onsets(self.problem, Whitener(self.problem, noise), first.residual)
             if not onsets.knots.size:
                 return first
             for terms, others in begun(onsets, self._whitened(state), self.groups):
                 state = self._learn(terms, self.problem.residual)
-                if _less_tries(state) > _less_tries(best):
+                if state.less_tries > best.less_tries:
                     best, groups = state, [t.group for t in terms] + others
         if best is first:
             return first
@@ -155,7 +191,7 @@ class Search:
         self.groups = [*self.groups, *(g for g in dict.fromkeys(groups) if g not in self.groups)]
         self.families = self.families.of(self.groups, self.families.barred)
         made = self._proved(self._grown(self._proved(best), relearn=True))
-        return max((first, made), key=_less_tries)
+        return max((first, made), key=lambda s: s.less_tries)
 
     def beside(self, fixed: Sequence[LawGroup], terms: Sequence[LawTerm]) -> Found:
         """These groups and the laws of another search; of them stays what is worth it, with the noise learnt again."""
@@ -185,16 +221,16 @@ class Search:
 
     # -- steps
 
-    def _whitened(self, state: _State) -> Whitened:
+    def _whitened(self, state: State) -> Whitened:
         return Whitened(self.families, Whitener(self.problem, state.noise), state.residual)
 
-    def _learn(self, terms: list[LawTerm], residual: Array) -> _State:
+    def _learn(self, terms: list[LawTerm], residual: Array) -> State:
         """The noise beside these terms; far values clipped, and learnt once more if there are any."""
         noise, found = self._noise(terms, residual)
-        clipped = self._clipped(_State(terms, noise, found, residual))
+        clipped = self._clipped(State(terms, noise, found, residual))
         if clipped is not residual:
             noise, found = self._noise(terms, clipped)
-        return _State(terms, noise, found, clipped)
+        return State(terms, noise, found, clipped)
 
     def _noise(self, terms: list[LawTerm], residual: Array) -> tuple[LawNoise, float]:
         """The noise beside these terms and its evidence: what was learnt once of a residual is known."""
@@ -207,13 +243,13 @@ class Search:
             known[key] = self.learner.learn(terms, residual)
         return known[key]
 
-    def _clipped(self, state: _State) -> Array:
+    def _clipped(self, state: State) -> Array:
         whitener = Whitener(self.problem, state.noise)
         columns = np.concatenate([self.problem.free, raw_columns(self.problem, state.terms)])
         mean, _ = Whitened(Families(self.problem, []), whitener, self.problem.residual).posterior(state.terms)
         return whitener.clipped(self.problem.residual, np.tensordot(mean, columns, 1))
 
-    def _grown(self, state: _State, *, relearn: bool) -> _State:
+    def _grown(self, state: State, *, relearn: bool) -> State:
         """Groups taken one by one while they gain, each put to the test against its rivals."""
         while len(state.terms) < (LAW_SEARCH.most if relearn else LAW_SEARCH.most_first):
             white = self._whitened(state)
@@ -232,9 +268,9 @@ class Search:
         if not relearn:
             return replace(state, terms=self._varied(state, self._refitted_with_rivals(white, state.terms)))
         terms = self._varied(state, state.terms)
-        return state if _which(terms) == _which(state.terms) else self._learn(terms, self.problem.residual)
+        return state if which(terms) == which(state.terms) else self._learn(terms, self.problem.residual)
 
-    def _varied(self, state: _State, terms: list[LawTerm]) -> list[LawTerm]:
+    def _varied(self, state: State, terms: list[LawTerm]) -> list[LawTerm]:
         """Each term, or a variant of it that gains more beside the others: with an onset, or of finer functions."""
         for k, term in enumerate(terms):
             if term.group in self._tried or not self._variants:
@@ -273,7 +309,7 @@ class Search:
                 terms = [LawTerm(own.groups[best], priors[best]) if i == k else t for i, t in enumerate(terms)]
         return terms
 
-    def _sharpened(self, state: _State, terms: list[LawTerm], k: int) -> list[LawTerm]:
+    def _sharpened(self, state: State, terms: list[LawTerm], k: int) -> list[LawTerm]:
         """The terms with an effect of the library at the best of its shapes between those that are tried."""
         others = [t for i, t in enumerate(terms) if i != k]
         whitener, best = Whitener(self.problem, state.noise), terms[k]
@@ -294,12 +330,12 @@ class Search:
         self.families = self.families.of(self.groups, self.families.barred)
         return [best if i == k else t for i, t in enumerate(terms)]
 
-    def _without_time(self, state: _State) -> _State:
+    def _without_time(self, state: State) -> State:
         """The laws that follow the session's time as laws of something else, where that does as well; so with lags."""
         whitener = Whitener(self.problem, state.noise)
         terms = without_time(self.problem, whitener, state.residual, self.groups, state.terms)
         terms = with_plain_temperature(self.problem, whitener, state.residual, terms)
-        if _which(terms) == _which(state.terms):
+        if which(terms) == which(state.terms):
             return state
         self.groups = [*self.groups, *(t.group for t in terms if t.group not in self.groups)]
         self.families = self.families.of(self.groups, self.families.barred)
@@ -309,7 +345,7 @@ class Search:
     def _refitted_with_rivals(self, white: Whitened, terms: list[LawTerm]) -> list[LawTerm]:
         """Each term beside the others as its best prior has it, or another group in its place."""
         for _ in range(LAW_SEARCH.rounds):
-            before = _which(terms)
+            before = which(terms)
             for k in range(len(terms)):
                 others = [t for i, t in enumerate(terms) if i != k]
                 gains, priors = white.scores(others, within=LAW_SEARCH.simpler)
@@ -319,7 +355,7 @@ class Search:
                 ahead = gains[best] > gains[own] + LAW_SEARCH.rival_gain
                 choice = best if ahead or simpler else own
                 terms = [LawTerm(self.groups[choice], priors[choice]) if i == k else t for i, t in enumerate(terms)]
-            if _which(terms) == before or len(terms) == 1:
+            if which(terms) == before or len(terms) == 1:
                 break
         return terms
 
@@ -347,7 +383,7 @@ class Search:
         ]
         return max(near, key=lambda i: float(gains[i])) if near else best
 
-    def _proved(self, state: _State) -> _State:
+    def _proved(self, state: State) -> State:
         """Without the terms whose removal costs too little with the noise learnt again."""
         while state.terms:
             costs = self._costs(state)
@@ -361,7 +397,7 @@ class Search:
                 state = self._learn(terms, self.problem.residual)
         return state
 
-    def _costs(self, state: _State) -> list[float]:
+    def _costs(self, state: State) -> list[float]:
         costs = []
         for k, term in enumerate(state.terms):
             others = [t for i, t in enumerate(state.terms) if i != k]
@@ -369,7 +405,7 @@ class Search:
             costs.append(state.evidence - without - float(np.log(term.group.tries)))
         return costs
 
-    def _found(self, state: _State) -> Found:
+    def _found(self, state: State) -> Found:
         white = self._whitened(state)
         costs = self._costs(state)
         order = sorted(range(len(costs)), key=lambda k: -costs[k])
@@ -389,24 +425,3 @@ class Search:
             state.residual,
             self.families,
         )
-
-
-def _less_tries(state: _State) -> float:
-    """What a state is worth less the logarithm of how many like its laws are tried: onsets are many."""
-    return state.worth - sum(float(np.log(t.group.tries)) for t in state.terms)
-
-
-def _which(terms: list[LawTerm]) -> set[int]:
-    return {id(t.group) for t in terms}
-
-
-def independent(free: Array, floor: Array) -> Array:
-    """(Q, C, n) columns that span what is free, each of the size of the floor and none twice."""
-    if not len(free):
-        return free
-    white = flattened(free / floor)
-    size = np.linalg.norm(white, axis=1, keepdims=True)
-    white = white[size[:, 0] > 0] / size[size[:, 0] > 0]
-    _, values, rows = np.linalg.svd(white, full_matrices=False)
-    kept = rows[values > 1e-9 * values[0]]
-    return np.asarray(kept.reshape(-1, *free.shape[1:]) * floor)
