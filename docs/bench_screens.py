@@ -44,6 +44,8 @@ port = 0
 
 def main() -> None:
     """Run the session and write docs/bench-*.png."""
+    # where a shell had it ignored, as for what runs in the background, the session would not end by it either
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     with tempfile.TemporaryDirectory() as folder:
         config = Path(folder) / "bench.toml"
         config.write_text(BENCH)
