@@ -153,14 +153,14 @@ async def _drain(stream: asyncio.StreamReader, said: list[str]) -> None:
 
 
 @contextlib.asynccontextmanager
-async def chromium() -> AsyncIterator[Browser]:
-    """A real browser. Absent: skipped, but a failure under CI."""
+async def chromium(*switches: str) -> AsyncIterator[Browser]:
+    """A real browser, with further switches of its command line. Absent: skipped, but a failure under CI."""
     if CHROMIUM is None:
         if os.environ.get("CI") == "true":
             pytest.fail("chromium is not installed, and CI must not skip these tests")
         pytest.skip("needs the browser chromium")
     async with async_playwright() as play:
-        browser = await play.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        browser = await play.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox", *switches])
         try:
             yield browser
         finally:

@@ -3,6 +3,7 @@ then seen of a page without brackets is a name, a number or a unit."""
 
 from __future__ import annotations
 
+import json
 import os
 import re
 from pathlib import Path
@@ -30,11 +31,18 @@ SEEN = """() => {
   return [document.title, ...out].map((text) => text.trim()).filter(Boolean);
 }"""
 """What is read or read out, but for what is marked as of another language or as code."""
+HEALTH = json.dumps(
+    {
+        "version": "1", "link": {"state": "up", "data_age_s": 0.1}, "outbox": {"queued": 0},
+        "recorder": {"state": "recording", "bytes_written": 1, "bytes_dropped": 0},
+        "surveys": {"accepted": 0, "refused": 1}, "alarms": [],
+    }
+).encode()  # fmt: skip
 WORD = re.compile(r"[^\W\d_]{3,}")
 NAMES = re.compile(
     # of the tool, of people and files, of what the tests say in place of a session, of methods and quantities
     r"\b(tool|bench|simulated|six|toml|state|tcp|min|sqrt|Gtotal|UTC|highside|Technician|Operator|joint|conventional"
-    r"|recording|csv|jiont|bias|step|all|up|ready|sigma|MB|deg|north"
+    r"|recording|csv|jiont|bias|step|all|ready|sigma|MB|deg|north"
     # what the operating system says of a port
     r"|ttyUSB0 is gone)\b"
 )
@@ -98,10 +106,15 @@ async def test_no_word_of_the_served_pages_escapes(
                 await client.publish("highside/tool-7/watch", watch_message())
                 await client.publish("highside/tool-7/watch/history", history_message())
                 await client.publish("highside/tool-7/attitude", attitude(0, flags=["uncorrected"]))
+                await client.publish("highside/tool-7/health", HEALTH, retain=True)
+                await client.publish("highside/tool-7/drift", b'{"motion": "turning", "azi_std_deg": 0.2}')
+                refused = json.loads(attitude(1)) | {"accepted": False, "reasons": ["moved", "g_total_high"]}
+                await client.publish("highside/tool-7/survey", json.dumps(refused).encode())
                 await page.wait_for_selector("li.card")
                 found["tools"] = await escaped(page)
                 await page.goto(f"{address}tool/tool-7")
                 await page.wait_for_selector(".log li")
+                await page.wait_for_selector(".surveys .bad")
                 found["tool"] = await escaped(page)
             await page.goto(f"{address}bench")
             await page.fill("#token", TOKEN)

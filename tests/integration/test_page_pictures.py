@@ -244,3 +244,18 @@ def written(layout: dict[str, Any]) -> str:
         lines = ",\n".join(f"  {json.dumps(name)}: {json.dumps(found)}" for name, found in boxes.items())
         pages.append(f" {json.dumps(key)}: {{\n{lines}\n }}")
     return "{\n" + ",\n".join(pages) + "\n}\n"
+
+
+async def test_without_three_dimensions_the_table_is_drawn_from_the_side() -> None:
+    """A browser without WebGL: the tool and the pose wanted, and no empty card."""
+    async with slides() as (link, say), chromium("--disable-gpu", "--disable-3d-apis") as browser:
+        page = await browser.new_page(viewport={"width": 320, "height": 640})
+        await page.goto(link)
+        say.write(b"guiding\n")
+        await say.drain()
+        await page.locator(".space svg.side .ghost").wait_for(timeout=60_000)
+        box = await page.locator(".space svg.side .pipe").bounding_box()
+        assert box is not None
+        assert box["height"] > 40.0
+        assert "From the side" in await page.locator(".space").inner_text()
+        assert "WebGL renderer" not in await page.locator(".space").inner_text()

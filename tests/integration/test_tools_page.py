@@ -334,3 +334,25 @@ async def test_the_tool_in_space_is_drawn_at_each_size_of_the_window(mosquitto: 
                 sizes, after = await page.evaluate(drawn_at_once)
                 # a picture of nothing is a few hundred letters
                 assert after == high and min(sizes) > max(sizes) / 2 > 2_000, (width, high, after, sizes)
+
+
+@pytest.mark.parametrize("language", ["en", "de"])
+async def test_without_three_dimensions_the_tool_is_drawn_from_the_side(mosquitto: Mosquitto, language: str) -> None:
+    """A browser without WebGL has a picture, and one with it is sent none."""
+    async with serve("--set", f"mqtt.port={mosquitto.port}") as (address, _), tool(mosquitto.port, "rig-7"):
+        await listed(address, 1)
+        async with chromium("--disable-gpu", "--disable-3d-apis") as browser:
+            page = await (await browser.new_context(locale=language, viewport={"width": 320, "height": 640})).new_page()
+            await page.goto(f"{address}tool/rig-7")
+            await expect(page.locator("section.space svg.side .pipe")).to_be_visible(timeout=CLICK_S)
+            word = {"en": "From the side", "de": "Von der Seite"}[language]
+            await expect(page.locator("section.space p")).to_contain_text(word)
+            assert "WebGL renderer" not in await page.locator("section.space").inner_text()
+            await assert_fits(page, language)
+            await assert_accessible(page, language)
+        async with chromium() as browser:
+            page = await browser.new_page()
+            await page.goto(f"{address}tool/rig-7")
+            await page.locator("section.space canvas").wait_for(timeout=CLICK_S)
+            await expect(page.locator("section.space .flat")).to_be_empty(timeout=CLICK_S)
+            await expect(page.locator("section.space .flat")).to_be_hidden()

@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING
 
 from highside.bench.session.guidance import instruction
 from highside.bench.session.snapshot import SessionState, Snapshot, table_reads
-from highside.web.space import LENGTH, PAPER, RADIUS, draw_pipe, orientation, pointing
+from highside.web.flat import FlatView
+from highside.web.space import LENGTH, PAPER, RADIUS, Angles, draw_pipe, orientation, pointing
 
 if TYPE_CHECKING:
     from nicegui.elements.scene.scene_object3d import Object3D
@@ -27,13 +28,11 @@ HEIGHT = 2.3
 """Of the table's axis above the floor."""
 GHOST, WAY, TABLE = "#0b57a4", "#c2410c", "#aab6c1"
 
-Angles = tuple[float, float]
-"""Inclination and toolface as the table counts them, deg"""
-
 
 @dataclass(frozen=True, slots=True)
 class Seen:
-    """What a picture shows. `turn` and `tilt`: +1 clockwise and more inclined, -1 the other way, 0 no arrow."""
+    """What a picture shows, angles as the table counts them. `turn` and `tilt`: +1 clockwise and more inclined, -1 the
+    other way, 0 no arrow."""
 
     tool: Angles | None
     ghost: Angles | None
@@ -82,6 +81,7 @@ class BenchScene:
         ).classes("scene")
         # the sentence below it says the same
         self._scene.props('aria-hidden="true"')
+        self._flat = FlatView(self._scene)
         with self._scene as scene:
             scene.move_camera(x=-1.6, y=-5.6, z=4.2, look_at_z=2.1, duration=0.0)
             scene.box(1.6, 1.6, 0.1).move(0.0, 0.0, 0.05).material(TABLE)
@@ -128,6 +128,8 @@ class BenchScene:
             part.visible(angles is not None)
             if angles is not None and angles != was:
                 part.rotate_R(orientation(*angles, AZIMUTH_DEG))
+        if (tool, ghost) != (before.tool, before.ghost):
+            self._flat.show(tool, ghost)
         leaning = tool or ghost
         if leaning is not None:
             self._cradle.rotate_R(orientation(leaning[0], 0.0, AZIMUTH_DEG))

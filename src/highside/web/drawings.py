@@ -151,7 +151,9 @@ def uncertainty_curve(uncertainty: UncertaintyState | None) -> Markup:
     box = f"0 0 {width:g} {height:g}"
     shapes = [_shape("rect", "pane", x=left, width=width - left, height=height - low)]
     if uncertainty is None or not uncertainty.inc_deg:
-        return svg(shapes, _("no uncertainty yet"), box=box, name="curve")
+        why = _("no uncertainty yet")
+        shapes.append(_shape("text", "scale mid", text=why, x=(left + width) / 2, y=(height - low) / 2))
+        return svg(shapes, why, box=box, name="curve")
     values = [v for v in (*uncertainty.inc_std_deg, *uncertainty.tf_std_deg) if v > 0]
     bottom = max(-9, math.floor(math.log10(min(values, default=1e-3))))
     top = max(bottom + 1, math.ceil(math.log10(max(values, default=1.0))))

@@ -11,6 +11,8 @@ if TYPE_CHECKING:
     from nicegui.elements.scene.scene_object3d import Object3D
 
 Matrix = list[list[float]]
+Angles = tuple[float, float]
+"""Inclination and toolface, deg"""
 
 REDRAWN = """<script>
   // a picture in three dimensions is empty after a change of size until it is drawn again: draw it before that is seen

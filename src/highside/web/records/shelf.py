@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 from collections import OrderedDict
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -160,6 +161,23 @@ class SessionShelf:
     def _is_stored(self, name: str) -> bool:
         # without a store nobody knows, and nothing is asserted
         return self._calibrations is None or self._calibrations.is_stored(name)
+
+
+def to_compare(lines: Sequence[RecordLine], in_force: dict[str, str], now_s: float) -> tuple[str, str]:
+    """Which two are most likely to be compared: of the first tool with two, the one in force with the newest that has
+    not expired; else the newest two. Empty where there are no two."""
+    kept = [line for line in lines if not line.refused]
+    tools = [line.tool for line in kept]
+    tool = next((name for name in tools if tools.count(name) > 1), None)
+    same = [line for line in kept if line.tool == tool] or kept
+    if len(same) < 2:
+        return "", ""
+    before = next((line for line in same if in_force.get(line.tool) == line.id), None)
+    if before is None:
+        return same[1].id, same[0].id
+    others = [line for line in same if line is not before]
+    lasting = [line for line in others if line.expires_s is None or line.expires_s > now_s]
+    return before.id, (lasting or others)[0].id
 
 
 def told(error: HighsideError, directory: Path | None) -> str:

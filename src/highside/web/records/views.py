@@ -21,7 +21,7 @@ from highside.calibration.zone import SHARED_NAMES, Zone
 from highside.recording.calibration_store import Activation
 from highside.web.navigation import Link
 from highside.web.plain import render
-from highside.web.records.shelf import Listed, RecordLine
+from highside.web.records.shelf import Listed, RecordLine, to_compare
 from highside.web.words import _, several, told
 from highside.words import from_to
 
@@ -71,7 +71,9 @@ class Views:
         rows = [_record_row(line, in_force, now_s) for line in listed.lines]
         kept = several("%(count)s calibration kept.", "%(count)s calibrations kept.", listed.total)
         said = kept % {"count": listed.total} if listed.total else _("No calibration is kept here.")
-        return self._page("calibrations.html", "/calibrations", rows=rows, pages=pages, said=said, trouble=trouble)
+        before, after = to_compare(listed.lines, in_force, now_s)
+        chosen = {"rows": rows, "before": before, "after": after}
+        return self._page("calibrations.html", "/calibrations", **chosen, pages=pages, said=said, trouble=trouble)
 
     def calibration(
         self, record: CalibrationRecord, history: Sequence[Activation], now_s: float, trouble: str | None = None
@@ -242,9 +244,13 @@ def _record_row(line: RecordLine, in_force: dict[str, str], now_s: float) -> dic
     }
 
 
+def _short(value: object) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
 def _facts(known: dict[str, Any]) -> list[tuple[str, str]]:
     environment = known["environment"]
-    options = ", ".join(f"{key} {value}" for key, value in known["options"].items())
+    options = ", ".join(f"{key} {_short(value)}" for key, value in known["options"].items())
     rms = known["rms_residual_g"]
     worst = known["worst_pose"]
     rows = [

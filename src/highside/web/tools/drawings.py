@@ -99,7 +99,14 @@ def trend(points: Sequence[Point], now: float) -> dict[str, Any]:
                 "type": "value",
                 "min": "dataMin",
                 "max": 0,
-                "axisLabel": {"show": k == len(ROWS) - 1, "color": INK, "formatter": "{value} s"},
+                "axisLabel": {
+                    "show": k == len(ROWS) - 1,
+                    # where the first row happens to be is no round number, and stands on the one beside it
+                    "showMinLabel": False,
+                    "hideOverlap": True,
+                    "color": INK,
+                    "formatter": "{value} s",
+                },
             }
             for k in range(len(ROWS))
         ],

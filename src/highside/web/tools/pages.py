@@ -15,6 +15,7 @@ from markupsafe import Markup
 from nicegui import Client, ui
 
 from highside.config.mqtt import MqttSettings
+from highside.web.flat import FlatView
 from highside.web.host import CONNECT_WITHIN_S, is_drawn, is_there
 from highside.web.language import language_line
 from highside.web.navigation import Link
@@ -132,7 +133,7 @@ class ToolView:
             self._places[name] = ui.html("", sanitize=False).classes("drawn" if name == "dial" else "")
 
     def _build_watch(self) -> None:
-        """The calibration over the last day; the picture comes with the first history."""
+        """The calibration over the last day; the picture comes with the first history that holds something."""
         with ui.element("section").classes("watch").props(labelled(_("the calibration")) + ' tabindex="0"'):
             ui.html(_heading(_("The calibration over the last day")), sanitize=False)
             self._places["watch"] = ui.html("", sanitize=False)
@@ -143,6 +144,12 @@ class ToolView:
         if history is None or history is self._history:
             return False
         self._history = history
+        if not history.hours:
+            # four empty frames say less than the sentence above them
+            shown = self._watch_chart is not None
+            self._watched.clear()
+            self._watch_chart = None
+            return shown
         options = watch_chart(history)
         if self._watch_chart is None:
             with self._watched:
@@ -158,6 +165,7 @@ class ToolView:
         the north; without an azimuth it is drawn as if to the north."""
         self._scene = ui.scene(width=360, height=300, grid=(8, 8), background_color=PAPER, click_events=[])
         self._scene.classes("scene")
+        self._flat = FlatView(self._scene)
         with self._scene as scene:
             scene.move_camera(x=3.2, y=4.0, z=3.2, look_at_z=1.3, duration=0.0)
             scene.text("N", "color:#46525d").move(0.0, 3.2, 0.0)
@@ -185,6 +193,7 @@ class ToolView:
             return False
         self._turned = angles
         self._body.rotate_R(orientation(*angles))
+        self._flat.show(angles[:2])
         return True
 
     def _draw_trend(self, now: float) -> bool:

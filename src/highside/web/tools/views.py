@@ -12,9 +12,11 @@ from functools import cache
 from typing import Any
 
 from jinja2 import Environment
+from markupsafe import Markup
 
 from highside.service.alarms import ALARMS
 from highside.web.tools.drawings import dial
+from highside.web.tools.signs import FLAGS, LINK, MOTION, REASONS, RECORDER, all_meant, event_words, meant
 from highside.web.tools.state import (
     PARAMETERS_MAX,
     Condition,
@@ -29,6 +31,7 @@ from highside.web.tools.state import (
 )
 from highside.web.tools.watch_words import advice, duration, unseen, watch_words
 from highside.web.words import _, said_later, several, told
+from highside.words.marked import in_words
 from highside.words.worded import worded
 
 WORDS: dict[Condition, str] = {
@@ -58,7 +61,7 @@ class Row:
 
     name: str
     value: str
-    note: str = ""
+    note: Markup | str = ""
     bad: bool = False
 
 
@@ -132,7 +135,7 @@ def tool_page(tool: ToolState, broker: Broker, now: float) -> ToolPage:
         state=_render("rows.html", rows=_state_rows(tool), fresh=fresh),
         parts=_render("rows.html", rows=_part_rows(tool, now), fresh=True),
         surveys=_render("surveys.html", surveys=[_survey(row) for row in reversed(tool.surveys)]),
-        events=_render("events.html", events=[(_utc(event.utc), event.text) for event in reversed(tool.events)]),
+        events=_render("events.html", events=_log(tool)),
         watch=_render(
             "watch.html",
             said=watch_words(tool),
@@ -159,7 +162,7 @@ def _sentence(tool: ToolState, now: float) -> str:
         flags = tool.reading.flags if tool.reading is not None else ()
         if not flags:
             return _("Attitudes arrive.")
-        return _("Attitudes arrive, with doubts: %(flags)s.") % {"flags": ", ".join(flags)}
+        return _("Attitudes arrive, with doubts: %(flags)s.") % {"flags": all_meant(flags, FLAGS)}
     last = _("No attitude has come yet.")
     if age is not None:
         last = _("The last attitude is %(age)s old.") % {"age": duration(age)}
@@ -230,8 +233,14 @@ def _state_rows(tool: ToolState) -> list[Row]:
     vibration = tool.health.get("vibration")
     rms = vibration.get("rms_g") if isinstance(vibration, dict) else None
     if isinstance(rms, list) and (known := [value for item in rms if (value := number(item)) is not None]):
-        rows.append(Row(_("vibration, rms"), " · ".join(f"{value:.3f} g" for value in known), "x · y · z"))
+        rows.append(Row(_("vibration, rms"), _accelerations(known), "x · y · z"))
     return rows
+
+
+def _accelerations(values_g: list[float]) -> str:
+    """Of several axes in one unit: mg, in which a tool at rest is not zero, below a tenth of g."""
+    unit, scale, digits = ("g", 1.0, 3) if max(abs(value) for value in values_g) >= 0.1 else ("mg", 1e3, 2)
+    return " · ".join(f"{scale * value:.{digits}f}" for value in values_g) + f" {unit}"
 
 
 def _part_rows(tool: ToolState, now: float) -> list[Row]:
@@ -246,9 +255,10 @@ def _part_rows(tool: ToolState, now: float) -> list[Row]:
     recorder, calibration = _table(health, "recorder"), _table(health, "calibration")
     dropped = sum(int(value) for value in _table(outbox, "dropped").values() if number(value) is not None)
     lost = number(recorder.get("bytes_dropped")) or 0
+    state = text(link.get("state"))
     rows = [
         Row(_("reported"), age, _("version %(name)s") % {"name": text(health.get("version"))}),
-        Row(_("link"), text(link.get("state")) or "–", _age(link), bad=text(link.get("state")) not in ("up", "")),
+        Row(_("link"), meant(state, LINK) or "–", _age(link), bad=state not in ("up", "")),
         Row(
             _("outbox"),
             _("%(count)s waiting") % {"count": _count(outbox, "queued")},
@@ -262,10 +272,10 @@ def _part_rows(tool: ToolState, now: float) -> list[Row]:
             "written": _count(recorder, "bytes_written"),
             "lost": f"{lost:.0f}",
         }
-        rows.append(Row(_("recorder"), state or "–", note, bad=state == "failing" or lost > 0))
+        rows.append(Row(_("recorder"), meant(state, RECORDER) or "–", note, bad=state == "failing" or lost > 0))
     refused = text(calibration.get("refused"))
     cal = text(calibration.get("cal_id"))
-    rows.append(Row(_("calibration"), cal[:12] or "–", refused, bad=bool(refused)))
+    rows.append(Row(_("calibration"), cal[:12] or "–", in_words(refused, of="refusals"), bad=bool(refused)))
     if tool.watch:
         rows.append(
             Row(
@@ -277,7 +287,7 @@ def _part_rows(tool: ToolState, now: float) -> list[Row]:
         )
     if tool.drift:
         std = number(tool.drift.get("azi_std_deg"))
-        rows.append(Row(_("azimuth state"), text(tool.drift.get("motion")) or "–", _band(std)))
+        rows.append(Row(_("azimuth state"), meant(text(tool.drift.get("motion")), MOTION) or "–", _band(std)))
     surveys = _table(health, "surveys")
     if surveys:
         accepted = _("%(count)s accepted") % {"count": _count(surveys, "accepted")}
@@ -325,7 +335,7 @@ def _departures(tool: ToolState) -> list[str]:
     for claim in (claims if isinstance(claims, list) else [])[:CLAIMS_MAX]:
         if not isinstance(claim, dict):
             continue
-        names = " / ".join(texts(claim.get("equivalence_class"))) or text(claim.get("parameter"))
+        names = _class_of(claim)
         size, std = number(claim.get("size")), number(claim.get("std"))
         line = [names]
         if size is not None and std is not None:
@@ -343,7 +353,12 @@ def _departures(tool: ToolState) -> list[str]:
 def _claims(tool: ToolState) -> str:
     claims = tool.watch.get("claims")
     found = [claim for claim in claims if isinstance(claim, dict)] if isinstance(claims, list) else []
-    return ", ".join(text(claim.get("effect")) or text(claim.get("parameter")) for claim in found)
+    return ", ".join(_class_of(claim) for claim in found)
+
+
+def _class_of(claim: dict[str, Any]) -> str:
+    """The parameters that cannot be told apart, by their symbols: the same in every language."""
+    return " / ".join(texts(claim.get("equivalence_class"))) or text(claim.get("parameter"))
 
 
 def _age(link: dict[str, Any]) -> str:
@@ -370,7 +385,7 @@ def _survey(row: Any) -> dict[str, Any]:
         "azi": _degrees(reading.azi_deg, reading.azi_std_deg),
         "g": "–" if row.g_error_mg is None else f"{row.g_error_mg:+z.2f}",
         "accepted": row.accepted,
-        "reasons": ", ".join(row.reasons),
+        "reasons": all_meant(row.reasons, REASONS),
     }
 
 
@@ -380,6 +395,11 @@ def _utc(seconds: float | None) -> str:
         return "–" if seconds is None else f"{dt.datetime.fromtimestamp(seconds, dt.UTC):%Y-%m-%d %H:%M:%S}"
     except (ValueError, OverflowError, OSError):
         return "–"
+
+
+def _log(tool: ToolState) -> list[tuple[str, str]]:
+    """When and what, the newest first."""
+    return [(_utc(event.utc), event_words(event.text)) for event in reversed(tool.events)]
 
 
 _TICKS = tuple(range(0, 360, 15))
