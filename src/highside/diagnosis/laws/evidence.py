@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
@@ -84,10 +84,10 @@ class Families:
         self._kept: list[_WhiteFamilies] = []
         """under the last noises"""
 
-    def without_effects(self) -> Families:
-        """The same without the library's effects; what is whitened is shared."""
+    def without(self, barred: Callable[[LawGroup], bool]) -> Families:
+        """The same without some groups; what is whitened is shared."""
         made = copy(self)
-        made.barred = frozenset(i for i, group in enumerate(self.groups) if group.effect)
+        made.barred = self.barred | {i for i, group in enumerate(self.groups) if barred(group)}
         return made
 
     def of(self, groups: list[LawGroup], barred: frozenset[int] = frozenset()) -> Families:
