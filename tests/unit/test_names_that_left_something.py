@@ -33,7 +33,7 @@ def test_a_name_that_leaves_more_noise_than_a_law_does_has_no_margin(tmp_path: P
 
 
 def test_a_name_that_leaves_sixty_times_the_floor_explains_nothing(tmp_path: Path) -> None:
-    # a dent of the toolface of 2 deg in 12 poses, told as `encoder_first_harmonic`; beside it acts a law of the temperature
+    # a dent of the toolface of 2 deg in 12 poses, told as `encoder_first_harmonic`, beside a law of temperature
     row = answer(B4791EE, "law/258", tmp_path)
     assert {claim["effect"] for claim in row["answer"]["claims"]} <= {"law:scale_all_xyz_temp"}
 
