@@ -41,6 +41,8 @@ FOCUSED = f"""((one) => {{
 """Of what has the focus: its name, and what is wrong with it. The library's fields have a thick border then."""
 DRAWN = f"new Promise((told) => requestAnimationFrame(() => requestAnimationFrame(() => told({FOCUSED}))))"
 """What is scrolled to stands there with the next picture."""
+HEIGHT = "document.documentElement.scrollHeight"
+FOCUS_AGAIN = "((one) => { one.blur(); one.focus(); })(document.activeElement)"
 FROM_THE_TOP = """(() => {
   document.body.tabIndex = -1; document.body.focus(); document.body.removeAttribute('tabindex'); scrollTo(0, 0);
 })()"""
@@ -64,8 +66,13 @@ async def tabbed(face: Keys) -> tuple[int, list[str]]:
     for _ in range(TABS_MAX):
         if there <= reached.keys():
             break
+        height = await face.evaluate(HEIGHT)
         await face.keys(TAB)
         at = await face.evaluate(DRAWN)
+        if at is not None and "off the screen" in at[1] and await face.evaluate(HEIGHT) != height:
+            # the page grew after it was scrolled, as the prompt of the next pose takes a line more
+            await face.evaluate(FOCUS_AGAIN)
+            at = await face.evaluate(DRAWN)
         if at is None or at[0] == next(iter(reached), None):
             break
         reached[at[0]] = [*reached.get(at[0], []), *at[1]]

@@ -226,7 +226,7 @@ def test_the_command_writes_what_it_found(tmp_path: Path, calibration: highside.
     assert "What departs" in page
     done = CliRunner().invoke(app, [*arguments, "--out", str(tmp_path / "de"), "--language", "de"])
     assert done.output.startswith("weicht ab: das Werkzeug weicht von seiner Kalibrierung ab")
-    assert "Rat: " in done.output
+    assert "Empfehlung: " in done.output
     assert "Was abweicht" in (tmp_path / "de" / "report.html").read_text()
     assert json.loads((tmp_path / "de" / "watch.json").read_text()) == answer
     assert 'src="http' not in page

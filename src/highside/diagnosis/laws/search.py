@@ -95,10 +95,11 @@ class Search(Steps):
         """What was found, or what begins with laws of one covariate each and does better.
 
         Taken one by one a product explains more than either of two laws, and bars both. Without a product, and with
-        nothing left but the floor, nothing can do better."""
-        product = any(len(term.group.axes) > 1 for term in best.terms)
-        left = best.noise.remembers or float(best.noise.times_the_floor(self.problem).max()) > 1.0
-        if not self.problem.every_pair or not (product or left):
+        nothing left but the floor, nothing can do better; and a floor that is rounding alone shows nothing."""
+        product, noise = any(len(term.group.axes) > 1 for term in best.terms), best.noise
+        learnt = float(noise.times_the_floor(self.problem).max())
+        possible = product or noise.remembers or learnt > 1.0
+        if not self.problem.every_pair or not possible or learnt >= FEW_VALUES.unmeasured:
             return best
         barred, self.families = self.families.barred, self.families.without(lambda group: len(group.axes) > 1)
         floor = LawNoise.floor_alone(self.problem)
