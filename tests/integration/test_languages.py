@@ -52,6 +52,6 @@ async def test_a_live_page_has_the_switch_too_and_it_needs_nobody_signed_in() ->
         await page.goto(address)
         await expect(page.locator("h1")).to_have_text("No broker, no tools.")
         await page.get_by_role("button", name="Norsk").click()
-        await expect(page.locator("h1")).to_have_text("Ingen megler, ingen verktøy.")
+        await expect(page.locator("h1")).to_have_text("Ingen broker, ingen verktøy.")
         assert await page.locator("html").get_attribute("lang") == "nb-NO"
         await in_every_dress(page, "no tools nb")
