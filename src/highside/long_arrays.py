@@ -23,6 +23,7 @@ __all__ = [
     "by_runs",
     "counted",
     "is_long",
+    "mean_and_std",
     "mean_square",
     "numbered_rows",
     "runs_of",
@@ -325,6 +326,13 @@ def mean_square(values: AnyArray) -> Array:
     not they are in the memory."""
     total = sum(np.sum(values[:, part] ** 2, axis=1, keepdims=True) for part in runs_of(values.shape[-1]))
     return np.asarray(total / values.shape[-1])
+
+
+def mean_and_std(values: AnyArray) -> tuple[float, float]:
+    """Of (n,) numbers, summed by the same runs whether or not they are in the memory."""
+    n = values.shape[-1]
+    mean = float(sum(np.sum(values[part]) for part in runs_of(n)) / n)
+    return mean, float(np.sqrt(sum(np.sum((values[part] - mean) ** 2) for part in runs_of(n)) / n))
 
 
 def numbered_rows(like: AnyArray) -> Array:

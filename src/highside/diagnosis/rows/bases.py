@@ -13,6 +13,7 @@ import numpy as np
 
 from highside.arrays import Array
 from highside.diagnosis.rows.policy import BASES
+from highside.long_arrays import mean_and_std
 from highside.physics.gravity import gravity_direction
 from highside.physics.state import ChainState
 
@@ -305,5 +306,5 @@ def _same(values: Array) -> Array:
 
 def _warmth(state: ChainState) -> Callable[[Rows], Array]:
     """Standardised temperature of a chunk."""
-    mean, std = float(np.mean(state.temp_c)), float(np.std(state.temp_c))
+    mean, std = mean_and_std(state.temp_c)
     return lambda rows: np.asarray((rows.state.temp_c - mean) / std)
