@@ -12,6 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from highside.arrays import Array
 from highside.diagnosis.core.policy import MEMORY
@@ -48,6 +49,10 @@ class LevelNoise:
         after = np.ones((settings, n))
         after[:, :-1] = decay[:, 1:]
         return cls(variance, gain, after)
+
+    def of_settings(self, which: NDArray[np.intp]) -> LevelNoise:
+        """Some of the settings."""
+        return LevelNoise(self.variance[which], self.gain[which], self.decay[which])
 
     @property
     def log_determinant(self) -> Array:

@@ -312,7 +312,7 @@ class Whitened:
         priors = [Prior(1.0, 1.0)] * len(groups)
         parts, left = [], []
         for part, across, projections in white.beside(terms, self._raw):
-            remaining = part.gram - across @ inverse @ across.transpose(0, 2, 1)
+            remaining = part.gram - np.tensordot(across, inverse, 1) @ across.transpose(0, 2, 1)
             parts.append(part)
             left.append(shown_of(part.gram, remaining, projections - across @ coefficients))
         # no prior gains more than the best fit does: what cannot come near the best is not looked at

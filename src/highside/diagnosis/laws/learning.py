@@ -3,11 +3,13 @@
 Settings of the noise are compared by inner products of whitened columns. What is whitened under a setting does not
 depend on what else is fitted, so the inner products of two sets of columns are taken once: of what is free, of the
 groups, of a residual. Of two sets only one goes through the filters, there and back: x' V^-1 y is x times the solved
-y. Priors and what the data cannot show turn these small matrices alone.
+y. Priors and what the data cannot show turn these small matrices alone. Of the settings a fourth is looked at first,
+then the neighbours of the best level and of the best ladder.
 """
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Callable, Hashable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -37,6 +39,7 @@ FREE = "free"
 TOGETHER = ((1.0, 1.0, 0.0), (1.0, 0.0, 1.0))
 """errors that are of one size: of both set angles, and of the level in both its directions"""
 _Filter = Callable[[Array], Array]
+_Numbers = NDArray[np.intp]
 
 
 @dataclass(frozen=True)
@@ -75,18 +78,29 @@ class NoiseLearner:
         prior = np.concatenate([np.zeros(len(free)), np.ones(count - len(free))])
         parts.append(_Columns(("residual", id(residual)), residual[None], np.eye(1)))
         try:
-            noise, best = _with_memory(self.problem, [own.settings(parts) for own in self._channels], prior)
+            noise, best = self._with_memory(parts, prior)
         except np.linalg.LinAlgError:
             # combinations in which large columns cancel are whitened themselves
             turned = np.concatenate([np.tensordot(part.turn, part.raw, 1) for part in parts])
-            whole = [_Columns(object(), turned, np.eye(len(turned)))]
-            noise, best = _with_memory(self.problem, [own.settings(whole) for own in self._channels], prior)
+            noise, best = self._with_memory([_Columns(object(), turned, np.eye(len(turned)))], prior)
         if self.problem.jitter is not None:
             both = np.concatenate([np.tensordot(part.turn, part.raw, 1) for part in parts])
             other, gained = _with_jitter(self.problem, both, prior)
             if gained > best:
                 noise, best = other, gained
         return noise, best
+
+    def _with_memory(self, parts: Sequence[_Columns], prior: Array) -> tuple[LawNoise, float]:
+        """White noise and levels of the highest evidence: among the coarse settings, then among the neighbours of the
+        best, until none of these is better."""
+        best, which = _Best.floor(self.problem.count), [_COARSE] * self.problem.count
+        for turn in range(LAW_NOISE.finer):
+            settings = [own.settings(parts, each) for own, each in zip(self._channels, which, strict=True)]
+            before, best = best, _best_of(self.problem, settings, prior, best)
+            if turn and best.chosen == before.chosen:
+                break
+            which = [_near(own, others) for own, others in zip(best.chosen, best.of_kinds, strict=True)]
+        return best.noise(self.problem), best.evidence
 
     def without_memory(self, terms: Sequence[LawTerm], residual: Array, *, to_the_floor: bool = False) -> float:
         """Evidence beside the best noise that is white or errors of the set angles; `to_the_floor`: the floor, and such
@@ -111,16 +125,42 @@ class NoiseLearner:
         return _Columns(term.group, raw, kept.T * size)
 
 
+_LEVELS = np.arange(len(LAW_NOISE.shares) * len(LAW_NOISE.lengths)).reshape(len(LAW_NOISE.shares), -1) + 1
+"""number of each level's setting; white noise alone is number 0"""
+_LADDERS = np.arange(len(LAW_NOISE.ladders)) + _LEVELS.size + 1
+_COARSE: _Numbers = np.concatenate([[0], _LEVELS[1::2, 1::2].ravel(), _LADDERS[1::2]])
+
+
+def _near(chosen: int, others: Sequence[int]) -> _Numbers:
+    """A setting, white noise alone, and other settings with the neighbours of each in share and length."""
+    found = {0, chosen}
+    for number in others:
+        if number >= _LADDERS[0]:
+            at = number - int(_LADDERS[0])
+            found.update(_LADDERS[max(at - 1, 0) : at + 2].tolist())
+        elif number:
+            i, j = divmod(number - 1, _LEVELS.shape[1])
+            found.update(_LEVELS[max(i - 1, 0) : i + 2, max(j - 1, 0) : j + 2].ravel().tolist())
+    return np.array(sorted(found))
+
+
 @dataclass(frozen=True)
 class _Settings:
-    """Settings of one channel: inner products (S, K + 1, K + 1) and log determinants (S,) at a factor of 1."""
+    """Some settings of one channel, by their rising numbers (S,): inner products (S, K + 1, K + 1) and log
+    determinants (S,) at a factor of 1."""
 
+    numbers: _Numbers
     inner: Array
     log_determinant: Array
-    share: Array
-    length: Array
-    ladder: Array
-    cost: Array
+
+    @property
+    def cost(self) -> Array:
+        """(S,) nats that each must gain over white noise."""
+        return np.where(self.numbers > 0, LAW_NOISE.cost, 0.0)
+
+    def at(self, number: int) -> int:
+        """Where a setting of these stands."""
+        return int(np.searchsorted(self.numbers, number))
 
 
 @dataclass(frozen=True)
@@ -128,11 +168,8 @@ class _Filters:
     """Filters at a factor of 1 of white noise whose mean variance is 1: white noise, levels, ladders."""
 
     sigma: Array
-    levels: tuple[LevelNoise, ...]
+    levels: LevelNoise
     ladders: tuple[LadderNoise, ...]
-    share: Array
-    length: Array
-    ladder: Array
     log_determinant: Array
     """(S,)"""
 
@@ -140,82 +177,94 @@ class _Filters:
     def of(cls, white: Array, t_s: Array) -> _Filters:
         shares = np.repeat(LAW_NOISE.shares, len(LAW_NOISE.lengths))
         lengths = np.tile(LAW_NOISE.lengths, len(LAW_NOISE.shares)) * step_of(t_s)
-        at_once = max(1, LAW_NOISE.at_once // white.size)
-        parts = [slice(i, i + at_once) for i in range(0, shares.size, at_once)]
-        several = np.array(LAW_NOISE.ladders)
-        levels = tuple(LevelNoise.of(white, t_s, shares[part], lengths[part]) for part in parts)
-        ladders = tuple(LadderNoise.several(white, t_s, several, ladder_lengths(t_s)))
-        none = np.zeros(1)
+        levels = LevelNoise.of(white, t_s, shares, lengths)
+        ladders = tuple(LadderNoise.several(white, t_s, np.array(LAW_NOISE.ladders), ladder_lengths(t_s)))
         plain = np.array([float(np.log(white).sum())])
-        return cls(
-            np.sqrt(white),
-            levels,
-            ladders,
-            np.concatenate([none, shares, np.zeros(several.size)]),
-            np.concatenate([none + 1, lengths, np.ones(several.size)]),
-            np.concatenate([none, np.zeros(shares.size), several]),
-            np.concatenate([plain, *(a.log_determinant for a in levels), *(b.log_determinant for b in ladders)]),
-        )
+        logs = [plain, levels.log_determinant, *(ladder.log_determinant for ladder in ladders)]
+        return cls(np.sqrt(white), levels, ladders, np.concatenate(logs))
 
-    def runs(self) -> Iterator[tuple[slice, _Filter, _Filter]]:
-        """Runs of settings: what whitens rows, (m, n) to (s, m, n), and the transposed filters on what is white."""
-        yield slice(0, 1), lambda rows: (rows / self.sigma)[None], lambda white: white / self.sigma
-        at = 1
-        for made in self.levels:
-            yield slice(at, at + len(made.gain)), made.white, made.transposed
-            at += len(made.gain)
-        ladders = self.ladders
-        yield slice(at, at + len(ladders)), partial(white_by_ladders, ladders), partial(transposed_by_ladders, ladders)
+    def runs(self, numbers: _Numbers) -> Iterator[tuple[slice, _Filter, _Filter]]:
+        """Runs of these settings: where they stand among them, what whitens rows, (m, n) to (s, m, n), and the
+        transposed filters on what is white."""
+        bounds = np.searchsorted(numbers, [1, _LADDERS[0]])
+        if bounds[0]:
+            yield slice(0, 1), lambda rows: (rows / self.sigma)[None], lambda white: white / self.sigma
+        at_once = max(1, LAW_NOISE.at_once // self.sigma.size)
+        for i in range(bounds[0], bounds[1], at_once):
+            run = slice(i, min(i + at_once, int(bounds[1])))
+            made = self.levels.of_settings(numbers[run] - 1)
+            yield run, made.white, made.transposed
+        if ladders := [self.ladders[k] for k in numbers[bounds[1] :] - _LADDERS[0]]:
+            run = slice(int(bounds[1]), len(numbers))
+            yield run, partial(white_by_ladders, ladders), partial(transposed_by_ladders, ladders)
 
 
 class _Products:
-    """Inner products of one channel under every setting; `scale` is the mean variance of its white noise."""
+    """Inner products of one channel under its settings; `scale` is the mean variance of its white noise."""
 
     def __init__(self, channel: int, filters: _Filters, scale: float, n: int) -> None:
         self.channel, self.filters, self.scale, self.n = channel, filters, scale, n
-        self._blocks: dict[tuple[Hashable, Hashable], Array] = {}
+        self._blocks: dict[tuple[Hashable, Hashable], tuple[Array, NDArray[np.bool_]]] = {}
+        """(S, m, k), and of which settings (S,) they are known"""
 
-    def settings(self, parts: Sequence[_Columns]) -> _Settings:
-        """Of all parts, in their order, the residual last."""
+    def settings(self, parts: Sequence[_Columns], numbers: _Numbers) -> _Settings:
+        """Of all parts, in their order, the residual last, under settings of these rising numbers."""
         ends = np.cumsum([0, *(len(part.turn) for part in parts)])
-        filters = self.filters
-        inner = np.zeros((filters.share.size, int(ends[-1]), int(ends[-1])))
+        inner = np.zeros((len(numbers), int(ends[-1]), int(ends[-1])))
         acting = [np.flatnonzero(np.any(part.raw[:, self.channel] != 0, axis=1)) for part in parts]
         pairs = [(i, j) for i in range(len(parts)) for j in range(i, len(parts)) if acting[i].size and acting[j].size]
-        self._take(parts, acting, pairs)
+        self._take(parts, acting, pairs, numbers)
         for i, j in pairs:
-            block = self._blocks.get((parts[i].key, parts[j].key))
-            if block is None:
-                block = self._blocks[parts[j].key, parts[i].key].transpose(0, 2, 1)
+            if (found := self._blocks.get((parts[i].key, parts[j].key))) is not None:
+                block = found[0][numbers]
+            else:
+                block = self._blocks[parts[j].key, parts[i].key][0][numbers].transpose(0, 2, 1)
             block = parts[i].turn[:, acting[i]] @ block @ parts[j].turn[:, acting[j]].T
             inner[:, ends[i] : ends[i + 1], ends[j] : ends[j + 1]] = block
             if j > i:
                 inner[:, ends[j] : ends[j + 1], ends[i] : ends[i + 1]] = block.transpose(0, 2, 1)
         inner /= self.scale
-        logs = filters.log_determinant + self.n * float(np.log(self.scale))
-        cost = np.where(np.arange(logs.size) > 0, LAW_NOISE.cost, 0.0)
-        return _Settings(inner, logs, filters.share, filters.length, filters.ladder, cost)
+        return _Settings(numbers, inner, self.filters.log_determinant[numbers] + self.n * float(np.log(self.scale)))
 
     def _take(
-        self, parts: Sequence[_Columns], acting: Sequence[NDArray[np.intp]], pairs: Sequence[tuple[int, int]]
+        self,
+        parts: Sequence[_Columns],
+        acting: Sequence[NDArray[np.intp]],
+        pairs: Sequence[tuple[int, int]],
+        numbers: _Numbers,
     ) -> None:
-        """Inner products (S, m, k) of the columns of two parts that act on the channel, where they are not known: from
-        run to run of settings, for all of them at once are many times the columns."""
-        lacking = {
-            (i, j): np.empty((self.filters.share.size, acting[i].size, acting[j].size))
-            for i, j in pairs
-            if self._blocks.keys().isdisjoint([(parts[i].key, parts[j].key), (parts[j].key, parts[i].key)])
-        }
-        if not lacking:
-            return
+        """Inner products (S, m, k) of the columns of two parts that act on the channel, under the settings for which
+        they are not known: those that lack the same ones go through the filters together."""
+        alike: dict[bytes, list[tuple[int, int]]] = defaultdict(list)
+        for i, j in pairs:
+            key, turned = (parts[i].key, parts[j].key), (parts[j].key, parts[i].key)
+            if turned in self._blocks:
+                key, (i, j) = turned, (j, i)
+            if key not in self._blocks:
+                count = self.filters.log_determinant.size
+                self._blocks[key] = np.empty((count, acting[i].size, acting[j].size)), np.zeros(count, dtype=bool)
+            alike[numbers[~self._blocks[key][1][numbers]].tobytes()].append((i, j))
+        for lacking, own in alike.items():
+            if lacking:
+                self._pass(parts, acting, own, np.frombuffer(lacking, dtype=numbers.dtype))
+
+    def _pass(
+        self,
+        parts: Sequence[_Columns],
+        acting: Sequence[NDArray[np.intp]],
+        pairs: Sequence[tuple[int, int]],
+        numbers: _Numbers,
+    ) -> None:
+        """These inner products under these settings, run by run: all at once are many times the columns."""
+        blocks = {(i, j): self._blocks[parts[i].key, parts[j].key] for i, j in pairs}
         sizes = [own.size for own in acting]
-        solved = _to_solve(list(lacking), sizes)
-        wanted = sorted({i for i, j in lacking if i == j} | set(solved.values()))
-        for run, whiten, transposed in self.filters.runs():
+        solved = _to_solve(pairs, sizes)
+        wanted = sorted({i for i, j in pairs if i == j} | set(solved.values()))
+        for run, whiten, transposed in self.filters.runs(numbers):
             for k in wanted:
                 white = whiten(parts[k].raw[acting[k], self.channel])
-                if (k, k) in lacking:
-                    lacking[k, k][run] = white @ white.transpose(0, 2, 1)
+                if (k, k) in blocks:
+                    blocks[k, k][0][numbers[run]] = white @ white.transpose(0, 2, 1)
                 mine = [pair for pair, own in solved.items() if own == k]
                 if not mine:
                     continue
@@ -224,8 +273,9 @@ class _Products:
                     other = j if i == k else i
                     block = parts[other].raw[acting[other], self.channel] @ flat
                     block = block.reshape(sizes[other], -1, sizes[k]).transpose(1, 0, 2)
-                    lacking[i, j][run] = block if j == k else block.transpose(0, 2, 1)
-        self._blocks.update({(parts[i].key, parts[j].key): block for (i, j), block in lacking.items()})
+                    blocks[i, j][0][numbers[run]] = block if j == k else block.transpose(0, 2, 1)
+        for _, known in blocks.values():
+            known[numbers] = True
 
 
 def _to_solve(pairs: Sequence[tuple[int, int]], sizes: Sequence[int]) -> dict[tuple[int, int], int]:
@@ -254,16 +304,45 @@ def _products_of(problem: LawProblem) -> list[_Products]:
     return found
 
 
-def _with_memory(problem: LawProblem, settings: list[_Settings], prior: Array) -> tuple[LawNoise, float]:
-    """White noise and levels, channel by channel; of each setting the factor that fits what it leaves."""
+@dataclass(frozen=True)
+class _Best:
+    """Of each channel the setting and factor of highest evidence, and that evidence."""
+
+    chosen: list[int]
+    factor: Array
+    evidence: float
+    of_kinds: list[list[int]]
+    """of each channel the best level and the best ladder that were looked at last"""
+
+    @classmethod
+    def floor(cls, count: int) -> _Best:
+        """White noise of the floor, where a look begins."""
+        return cls([0] * count, np.ones(count), -np.inf, [[] for _ in range(count)])
+
+    def noise(self, problem: LawProblem) -> LawNoise:
+        shares, lengths = np.array(LAW_NOISE.shares), np.array(LAW_NOISE.lengths) * step_of(problem.t_s)
+        made = LawNoise.floor_alone(problem)
+        share, length, ladder = made.share.copy(), made.length.copy(), made.ladder.copy()
+        for c, number in enumerate(self.chosen):
+            if number >= _LADDERS[0]:
+                ladder[c] = LAW_NOISE.ladders[number - int(_LADDERS[0])]
+            elif number:
+                i, j = divmod(number - 1, lengths.size)
+                share[c], length[c] = shares[i], lengths[j]
+        return replace(made, factor=self.factor, share=share, length=length, ladder=ladder)
+
+
+def _best_of(problem: LawProblem, settings: Sequence[_Settings], prior: Array, start: _Best) -> _Best:
+    """White noise and levels among these settings, channel by channel; of each setting the factor that fits what it
+    leaves. `start` is among them."""
     n, count = problem.n, problem.count
-    chosen, factor = [0] * count, np.ones(count)
+    chosen = [own.at(number) for own, number in zip(settings, start.chosen, strict=True)]
+    factor, best, of_kinds = start.factor.copy(), start.evidence, [list(one) for one in start.of_kinds]
 
     def of(c: int) -> tuple[Array, float]:
         own = settings[c]
         return own.inner[chosen[c]] / factor[c] ** 2, float(own.log_determinant[chosen[c]]) + 2 * n * np.log(factor[c])
 
-    best = -np.inf
     looked: list[tuple[float, ...]] = [()] * count
     for _ in range(LAW_NOISE.turns):
         for c, own in enumerate(settings):
@@ -279,33 +358,30 @@ def _with_memory(problem: LawProblem, settings: list[_Settings], prior: Array) -
             left = np.einsum("i,sij,j->s", fitted, own.inner, fitted) / n
             sizes = np.maximum(np.sqrt(np.maximum(left, 0.0))[:, None] * np.array(LAW_NOISE.factors), 1.0)
             total = own.log_determinant[:, None] + 2 * n * np.log(sizes) + logs
-            # few at a time: the matrices stay in the processor's cache
-            step = max(1, LAW_NOISE.matrices // rest.size)
-            found = np.concatenate(
-                [
-                    evidence(
-                        (own.inner[i : i + step, None] / sizes[i : i + step, :, None, None] ** 2 + rest).reshape(
-                            -1, *rest.shape
-                        ),
-                        prior,
-                        total[i : i + step].reshape(-1),
-                    )
-                    for i in range(0, len(sizes), step)
-                ]
-            )
-            found -= np.repeat(own.cost, sizes.shape[1])
-            where = int(np.argmax(found))
-            chosen[c], factor[c] = where // sizes.shape[1], sizes.reshape(-1)[where]
-            best = float(found[where]) - float(sum(settings[d].cost[chosen[d]] for d in range(count) if d != c))
-    chosen_settings = list(zip(settings, chosen, strict=True))
-    noise = replace(
-        LawNoise.floor_alone(problem),
-        factor=factor,
-        share=np.array([s.share[i] for s, i in chosen_settings]),
-        length=np.array([s.length[i] for s, i in chosen_settings]),
-        ladder=np.array([s.ladder[i] for s, i in chosen_settings]),
-    )
-    return noise, best
+            found = _evidence_of(own.inner, sizes, rest, prior, total) - own.cost[:, None]
+            i, f = divmod(int(np.argmax(found)), sizes.shape[1])
+            chosen[c], factor[c] = i, sizes[i, f]
+            best = float(found[i, f]) - float(sum(settings[d].cost[chosen[d]] for d in range(count) if d != c))
+            ladders = own.at(int(_LADDERS[0]))
+            kinds = [part for part in np.split(np.arange(len(own.numbers)), [1, ladders])[1:] if part.size]
+            of_kinds[c] = [int(own.numbers[part[int(np.argmax(found.max(axis=1)[part]))]]) for part in kinds]
+    numbers = [int(own.numbers[i]) for own, i in zip(settings, chosen, strict=True)]
+    return _Best(numbers, factor, best, of_kinds)
+
+
+def _evidence_of(inner: Array, sizes: Array, rest: Array, prior: Array, total: Array) -> Array:
+    """(S, F) of settings (S, K + 1, K + 1) at factors (S, F) beside other channels; few at a time: the matrices stay in
+    the processor's cache."""
+    step = max(1, LAW_NOISE.matrices // rest.size)
+    found = [
+        evidence(
+            (inner[i : i + step, None] / sizes[i : i + step, :, None, None] ** 2 + rest).reshape(-1, *rest.shape),
+            prior,
+            total[i : i + step].reshape(-1),
+        )
+        for i in range(0, len(sizes), step)
+    ]
+    return np.concatenate(found).reshape(sizes.shape)
 
 
 def _mean(inner: Array, prior: Array) -> Array:

@@ -145,6 +145,10 @@ class LawNoisePolicy:
     turns: int = 2
     """Passes over the channels in which each one's noise is chosen beside the others'. Source: the evidence changed by
     less than 0.1 nat in a third pass on 20 simulated sessions."""
+    finer: int = 4
+    """Looks at settings, the first of them coarse, each other one at the neighbours of the best. Source: in 328
+    learnings of 30 sessions of the deck of bfce0efc the setting was that of highest evidence among all 117 in 94 %, and
+    0.1 nat behind it in the mean, 4.6 in the worst hundredth."""
     cost: float = 2.0
     """Nats a further kind of noise must gain to be taken. Source: chosen; half a logarithm of fifty values each."""
     jitters: tuple[float, ...] = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 64.0)
