@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from highside.arrays import Array
-from highside.diagnosis.poses.within import within_poses
+from highside.diagnosis.poses.within import unsteady_poses, within_poses
 
 POSES, ROWS, STEP_S, SIGMA_G = 24, 50, 0.2, 2e-4
 
@@ -112,3 +112,33 @@ def test_too_few_rows_or_poses_say_nothing() -> None:
     rows = recording(np.linspace(-1, 1, ROWS) * np.ones((POSES, 1)))
     assert within_poses(rows, [r[:2] for r in rows_of()], STEP_S) == ()
     assert within_poses(rows, rows_of()[:3], STEP_S) == ()
+
+
+def session_of(course: Array, seed: int) -> tuple[Array, Array]:
+    """Scatter (3, POSES) of five rows in each pose, with a course (POSES, 5) on the second channel, and their count."""
+    rng = np.random.default_rng(seed)
+    rows = SIGMA_G * rng.standard_normal((3, POSES, 5))
+    rows[1] += course
+    return np.asarray(rows.std(axis=2, ddof=1)), np.full(POSES, 5.0)
+
+
+@pytest.mark.parametrize("size_g", [2e-3, 0.1, 10.0])
+def test_a_course_that_averages_out_shows_beside_the_means(size_g: float) -> None:
+    """Each pose its own way, in poses too short for a trend of their own: its mean, and with it the fit, knows nothing
+    of it."""
+    rng = np.random.default_rng(9)
+    course = size_g * rng.standard_normal((POSES, 1)) * np.array([-1.0, -0.5, 0.3, 0.4, 0.8])
+    of_a_mean = np.full(3, SIGMA_G / np.sqrt(5))
+    found = unsteady_poses(*session_of(course, 1), of_a_mean, 20.0)
+    assert [(one.check, one.channels) for one in found] == [("within_pose", ("ay",))]
+    told = float(found[0].remedy.split("ay by ")[1].split(" ug")[0])
+    assert abs(1e-6 * told / size_g / 0.76 - 1) < 0.3
+
+
+def test_noise_moves_the_means_as_much_as_the_rows() -> None:
+    """Also where the fit is known to a few degrees of freedom only; none of 300 sessions."""
+    of_a_mean = SIGMA_G / np.sqrt(5)
+    rng = np.random.default_rng(4)
+    for seed in range(300):
+        learned = of_a_mean * np.sqrt(rng.chisquare(6, 3) / 6)
+        assert unsteady_poses(*session_of(np.zeros((POSES, 5)), seed), learned, 6.0) == ()

@@ -24,7 +24,7 @@ from highside.diagnosis.core.pooled_laws import pooled_laws
 from highside.diagnosis.core.problem import ReportData, SelectionState, parts_of
 from highside.diagnosis.core.problem_policy import OWN_NOISE, ProblemPolicy
 from highside.diagnosis.core.regression import outside
-from highside.diagnosis.core.result import DiagnosisResult, Location
+from highside.diagnosis.core.result import DiagnosisResult, Finding, Location
 from highside.diagnosis.core.rivals import Rivalry, next_poses
 from highside.diagnosis.core.still_problem import StillProblem, rich_columns
 from highside.diagnosis.core.unexplained import hinted
@@ -34,7 +34,7 @@ from highside.diagnosis.poses.noise import PoseNoise
 from highside.diagnosis.poses.one_side import OneSide
 from highside.diagnosis.poses.policy import POSES
 from highside.diagnosis.poses.session import PoseSession
-from highside.diagnosis.poses.within import with_courses
+from highside.diagnosis.poses.within import unsteady_poses, with_courses
 from highside.physics.forward import ForwardModel
 from highside.physics.gravity import unit
 
@@ -154,7 +154,14 @@ class PoseProblem(StillProblem[PoseNoise]):
             words = f"what is left is taken for errors of the set angles: {np.degrees(inc):.2g} deg of inclination, "
             diagnosis = hinted(diagnosis, f"{words}{np.degrees(tf):.2g} deg of toolface")
         placed = with_manoeuvres(located_by_cause(diagnosis, self.model, self.session.state), self.session.state)
-        return self._one_side.told(with_courses(placed, self.session.within))
+        return self._one_side.told(with_courses(placed, self.session.within or self._unsteady()))
+
+    def _unsteady(self) -> tuple[Finding, ...]:
+        """What the rows do while a pose is held, where they scatter by far more than their means do."""
+        session = self.session
+        if session.scatter is None:
+            return ()
+        return unsteady_poses(session.scatter, session.count, np.array(_of_one_pose(self.noise)), self.noise.freedom)
 
     @property
     def _one_side(self) -> OneSide:

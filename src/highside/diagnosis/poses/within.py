@@ -5,6 +5,8 @@ poses, each less its own mean, laid over one another by the time since the stop.
 warm-up at each stop) shows in the mean over poses, whatever its shape, and one that grows with the load in what runs
 with the poses' readings; a course that differs from pose to pose (creep after a change of load) in the size of the
 poses' trends, beyond what neighbouring differences of the rows allow; an oscillation as a line in their spectra.
+Whatever else the rows do shows beside the means: noise that scatters the rows by so much leaves the means no better
+known than that.
 """
 
 from __future__ import annotations
@@ -25,6 +27,7 @@ from highside.special import fdtrc
 Ints = NDArray[np.intp]
 CHANNELS = ("ax", "ay", "az")
 CHECK = "within_pose"
+UNSTEADY = "readings move while a pose is held, by more than their mean does from pose to pose"
 
 
 @dataclass(frozen=True)
@@ -106,6 +109,20 @@ def _rounding(rows: Array, left: Array) -> float:
     stay or jump by a whole step, and the scatter of most poses tells nothing of those that jump."""
     step = lattice_step(rows)
     return rounding_variance(step) if float(np.std(left)) < FLOOR.dither * step else 0.0
+
+
+def unsteady_poses(scatter: Array, count: Array, sigma_g: Array, freedom: float) -> tuple[Finding, ...]:
+    """Channels whose rows scatter within the poses by far more than the means of these do about the fit.
+
+    `scatter` (3, n): standard deviation of a row in each pose, of `count` (n,) rows; `sigma_g` (3,): that of a mean, as
+    the fit leaves it, with so many degrees of freedom. A walk or any noise with a memory moves the means more.
+    """
+    ratio = np.sqrt(np.mean(scatter**2 / count, axis=1)) / np.maximum(sigma_g, 1e-300)
+    p = fdtrc(float(np.sum(count - 1)), freedom, ratio**2)
+    which = np.flatnonzero((ratio > WITHIN.unsteady) & (p < WITHIN.chance))
+    size = np.sqrt(np.mean(scatter**2, axis=1))
+    each = [(CHANNELS[c], _Course(UNSTEADY, float(size[c]), float(p[c]))) for c in which]
+    return (_finding(UNSTEADY, each),) if each else ()
 
 
 def with_courses(diagnosis: DiagnosisResult, found: Sequence[Finding]) -> DiagnosisResult:
