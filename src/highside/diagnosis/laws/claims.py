@@ -20,6 +20,7 @@ from highside.diagnosis.laws.groups import LawGroup, values_of
 from highside.diagnosis.laws.policy import LAW_REPORT
 from highside.diagnosis.laws.readings import readings_of
 from highside.diagnosis.laws.separable import as_product
+from highside.diagnosis.laws.together import told_together
 from highside.physics.covariates import covariate
 from highside.physics.effect import Effect
 from highside.physics.law import PREFIX, Law, slug_beside
@@ -50,20 +51,24 @@ def reported_laws(found: Found, taken: Iterable[str] = ()) -> list[ReportedLaw]:
     ids = set(taken)
     white = found.whitened()
     terms = list(found.terms)
-    mean, covariance = white.posterior(terms)
+    _, covariance = white.posterior(terms)
     shares = _shares(white, terms)
+    numbers = [k for k, term in enumerate(terms) if not term.group.effect]
+    formulas = {k: closed_form(found, white, terms, k) or as_product(found, white, terms, k) for k in numbers}
+    sure = {k: closed for k, closed in formulas.items() if closed is not None and closed.law is not None}
+    told, curves = told_together(white, terms, sure)
     made = []
-    for k, term in enumerate(terms):
-        if term.group.effect:
-            continue
-        part = slice_of(found, terms, k)
-        law = _law(term.group, mean[part], covariance[part, part])
-        effect = np.tensordot(mean[part], raw_columns(found.problem, [term]), 1)
+    for k in numbers:
+        closed, part = formulas[k], slice_of(found, terms, k)
+        if k in told:
+            assert closed is not None and closed.law is not None
+            law, effect = closed.law, closed.effect
+        else:
+            # a formula that holds with all else moved alone is none
+            closed = None if k in sure else closed
+            law = _law(terms[k].group, curves[k], covariance[part, part])
+            effect = np.tensordot(curves[k], raw_columns(found.problem, [terms[k]]), 1)
         gains = heldout(white, terms, k)
-        closed = closed_form(found, white, terms, k) or as_product(found, white, terms, k)
-        if closed is not None and closed.law is not None:
-            law = closed.law
-            effect = closed.effect
         law = replace(law, slug=slug_beside(law.slug, ids))
         ids.add(law.id)
         made.append(ReportedLaw(law, _claim(found, white, terms, k, law, closed, shares[k], gains, effect), effect))
