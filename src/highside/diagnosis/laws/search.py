@@ -64,7 +64,7 @@ class Search(Steps):
         if two.worth >= one.worth and which(two.terms) != which(one.terms):
             two = self._proved(self._grown(self._proved(two), relearn=True))
             one = max((one, two), key=lambda s: s.worth)
-        one = self._from_curves(self._from_between(self._from_curves(one)))
+        one = self._from_its_noise(self._from_curves(self._from_between(self._from_curves(one))))
         if self.problem.every_pair and one.noise.remembers:
             one = self._from_edges(one)
         if not self._variants:
@@ -108,6 +108,20 @@ class Search(Steps):
         self.families = self.families.of(self.groups, barred)
         made = self._proved(self._grown(state, relearn=True))
         return max((best, made), key=lambda s: s.worth)
+
+    def _from_its_noise(self, best: State) -> State:
+        """What was found, or what begins anew without any law beside the noise that was learnt last, and does better:
+        beside the noise of a session without laws a surface is worth less than several curves in its place."""
+        while len(best.terms) > 1:
+            start = self._grown(replace(best, terms=[], evidence=-np.inf), relearn=False)
+            if which(start.terms) == which(best.terms):
+                break
+            state = self._learn(start.terms, self.problem.residual)
+            made = self._proved(self._grown(self._proved(state), relearn=True))
+            if made.worth <= best.worth:
+                break
+            best = made
+        return best
 
     def _step_by_step(self, nothing: State) -> State:
         """Laws, each chosen by its evidence with the noise learnt again, where no other start finds any."""

@@ -100,7 +100,9 @@ class Steps:
             among = Whitened(own, whitener, state.residual)
             gains, priors = among.scores(others)
             if not np.isfinite(gains[0]):
-                # beside the others nothing is left of it that a variant could do better
+                # far behind a variant, or nothing is left of it beside the others that a variant could do better
+                gains[0] = among.of_groups([term.group]).scores(others)[0][0]
+            if not np.isfinite(gains[0]):
                 continue
             for group, gain, prior in filter(None, (best_between(among, others, one) for one in between)):
                 own, gains, priors = own.of([*own.groups, group]), np.append(gains, gain), [*priors, prior]
@@ -113,7 +115,9 @@ class Steps:
             ahead = gains - gains[0] - least
             best = int(np.argmax(ahead))
             if best and ahead[best] > 0:
-                if not alike[best]:
+                # over time with more functions may be what sets in midway, with more functions of the other
+                finer = "time" in own.groups[best].depends_on and len(own.groups[best].axes) == len(term.group.axes) > 1
+                if not alike[best] and not finer:
                     self._tried.add(own.groups[best])
                 self.groups.append(own.groups[best])
                 self.families = self.families.of(self.groups, self.families.barred)
