@@ -99,6 +99,8 @@ class Effect(ABC):
     random: bool = False
     known_size: bool = False
     """True: the amplitude is no free number but has its typical value, or the effect is absent"""
+    turns_the_tool: bool = True
+    """whether what it adds to the angles of the bench is a motion that gyros feel"""
     remembers: bool = False
     """True: what it does at a row depends on the rows before it, not on that row and the first of all alone"""
     depends_on_input: bool = True

@@ -345,7 +345,7 @@ class ForwardModel:
             return by_time * effect.derivative(state, p, state.reading)
         if effect.stage is Stage.GYRO:
             return effect.derivative(sampled, p, rates)
-        if effect.stage is Stage.POSE:
+        if effect.stage is Stage.POSE and effect.turns_the_tool:
             # what the tool feels of it is how fast it changes
             later, earlier = sampled.shifted(STEP_S), sampled.shifted(-STEP_S)
             change = effect.derivative(later, p, later.reading) - effect.derivative(earlier, p, earlier.reading)
@@ -355,7 +355,8 @@ class ForwardModel:
     def _true_rates(self, sampled: ChainState) -> AnyArray:
         """Rates at which the tool turns, (3, N): those of the readings and of what the bench adds to them."""
         rates = tool_rates(sampled)
-        moved = [(effect, p) for effect, p in self.effects if effect.stage is Stage.POSE and not effect.random]
+        bench = [(effect, p) for effect, p in self.effects if effect.stage is Stage.POSE and effect.turns_the_tool]
+        moved = [(effect, p) for effect, p in bench if not effect.random]
         if not moved:
             return rates
         later, earlier = sampled.shifted(STEP_S), sampled.shifted(-STEP_S)

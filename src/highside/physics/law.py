@@ -395,6 +395,9 @@ class LawEffect(Effect):
     parameters = (Parameter("share", "1", 1.0, (-100.0, 100.0)),)
     story = "No effect of the library: a law that was learnt from a recording."
     complex_safe = False
+    turns_the_tool = False
+    """of an error of the reference angle that a recording shows it is not known whether the recorded rate has it too:
+    what gyros say of it is a law of theirs"""
 
     def __init__(self, law: Law) -> None:
         stage = law.at.stage
