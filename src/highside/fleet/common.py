@@ -237,7 +237,7 @@ def _beside(lot: LotScores, entries: Sequence[int], taken: Sequence[int]) -> dic
 
 def _worth(one: Pooled, tools: int) -> float:
     """What the mean explains, less what its number of amplitudes would by chance (BIC)."""
-    return one.evidence - one.mean.size * float(np.log(tools))
+    return one.gain - one.mean.size * float(np.log(tools))
 
 
 def _hidden(lot: LotScores, entry: int, taken: Sequence[int], best: int) -> bool:

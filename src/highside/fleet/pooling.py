@@ -47,6 +47,9 @@ class Pooled:
     scatter: Array
     """(k,) standard deviation from tool to tool"""
     tools: int
+    gain: float = 0.0
+    """of twice the log likelihood, by mean and scatter over nothing in common, less what each amplitude's scatter would
+    by chance (BIC); without any scatter where that explains more"""
 
     @property
     def std(self) -> Array:
@@ -146,7 +149,22 @@ def pool(score: Array, information: Array, scatter: Array | None = None) -> Pool
     left = weighted - weight @ mean
     q = float(np.einsum("ni,nij,nj->", left, np.linalg.pinv(weight, hermitian=True), left))
     freedom = max(1, int(np.linalg.matrix_rank(weight, hermitian=True).sum()) - k)
-    return Pooled(mean, covariance * max(1.0, q / freedom), tau, n)
+    gain = max(
+        _gain(score, information, np.zeros(k)), _gain(score, information, tau) - np.count_nonzero(tau) * np.log(n)
+    )
+    return Pooled(mean, covariance * max(1.0, q / freedom), tau, n, gain)
+
+
+def _gain(score: Array, information: Array, scatter: Array) -> float:
+    """Of twice the log likelihood of all tools, by the mean (k,) and this scatter (k,) over neither."""
+    weight, weighted = _weights(score, information, scatter)
+    mean = np.linalg.pinv(weight.sum(axis=0), hermitian=True) @ weighted.sum(axis=0)
+    left = score - information @ mean
+    inner = np.eye(scatter.size) + scatter[:, None] * information * scatter
+    by_scatter = scatter * left
+    more = np.einsum("ni,ni->", by_scatter, np.linalg.solve(inner, by_scatter[..., None])[..., 0])
+    by_mean = 2.0 * np.sum(score @ mean) - np.einsum("nij,i,j->", information, mean, mean)
+    return float(by_mean + more - np.linalg.slogdet(inner)[1].sum())
 
 
 @dataclass(frozen=True)
