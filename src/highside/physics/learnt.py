@@ -31,6 +31,8 @@ class LearntEffect(LinearEffect):
     depends_on: tuple[str, ...]
     visited: tuple[Span, ...]
     """of each covariate the range in which it was learnt"""
+    turns_the_tool = False
+    """as the law it was: set it where an error of the angle is known to be one of the recorded rate, too"""
 
     @abstractmethod
     def value(self, channel: str, *covariates: AnyArray) -> AnyArray:
