@@ -15,7 +15,7 @@ import numpy as np
 
 from highside.arrays import Array
 from highside.fleet.policy import COMMON, POOLING
-from highside.fleet.pooling import Pooled, between_tools, conspicuous, left_out, marginal, outlying, pool
+from highside.fleet.pooling import Pooled, between_tools, conspicuous, left_out, outlying, pool
 from highside.special import stdtr, stdtrit
 from highside.words import said
 
@@ -252,20 +252,20 @@ def _proof(lot: LotScores, entry: int, beside: Sequence[int]) -> Proof:
     score, information, which = lot.of(entry, beside)
     scatter = between_tools(score, information)
     rest = left_out(score, information, scatter)
-    estimate, variance = marginal(score, information)
     n = len(which)
     with_it, plain, wide = np.zeros(n), np.zeros(n), np.zeros(n)
     for i in range(n):
-        shown = np.flatnonzero(np.isfinite(variance[i]))
-        if not shown.size:
-            continue
-        square = np.ix_(shown, shown)
-        own = np.linalg.inv(information[i][square]) + np.diag(scatter[shown] ** 2)
-        mean = rest.mean[i][shown]
-        with_it[i] = _log_density(estimate[i, shown] - mean, own + rest.covariance[i][square])
-        plain[i] = _log_density(estimate[i, shown], own)
+        # in units of the noise, along what the tool shows: some amplitudes show together only
+        scale = np.sqrt(np.maximum(np.diag(information[i]), np.finfo(float).tiny))
+        values, vectors = np.linalg.eigh(information[i] / np.outer(scale, scale))
+        shown = values > POOLING.visible * max(float(values[-1]), 1.0)
+        root = np.sqrt(values[shown])
+        seen, turned = (vectors[:, shown].T @ (score[i] / scale)) / root, root[:, None] * vectors[:, shown].T * scale
+        own, mean = np.eye(root.size) + (turned * scatter**2) @ turned.T, turned @ rest.mean[i]
+        with_it[i] = _log_density(seen - mean, own + turned @ rest.covariance[i] @ turned.T)
+        plain[i] = _log_density(seen, own)
         # without a mean the tools would scatter about nothing by so much
-        wide[i] = _log_density(estimate[i, shown], own + np.diag(mean**2))
+        wide[i] = _log_density(seen, own + (turned * rest.mean[i] ** 2) @ turned.T)
     gains = with_it - (plain if plain.sum() > wide.sum() else wide)
     return Proof(float(gains.sum()), float(np.std(gains, ddof=1) * np.sqrt(n)))
 

@@ -64,9 +64,15 @@ class Pooled:
 
     @property
     def p(self) -> float:
-        """That the most significant amplitude would be so by chance, for the number of amplitudes (Bonferroni)."""
-        tail = 2.0 * float(stdtr(self.tools - 1, -np.max(np.abs(self.t), initial=0.0)))
-        return min(1.0, self.mean.size * tail)
+        """That a mean so far from nothing would be chance: of one amplitude by Student's t; of several by the most
+        significant of them, or by all together (an F test of their chi-square), whichever says more, twice.
+
+        The covariance is known but for its scale, which all amplitudes of all tools but the mean's have told."""
+        k, n = self.mean.size, self.tools
+        single = k * 2.0 * float(stdtr(n - 1, -np.max(np.abs(self.t), initial=0.0)))
+        if k == 1:
+            return min(1.0, single)
+        return min(1.0, 2.0 * single, 2.0 * float(fdtrc(k, k * (n - 1), self.evidence / k)))
 
     @property
     def evidence(self) -> float:
