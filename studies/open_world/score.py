@@ -33,7 +33,7 @@ import numpy as np
 from studies.sealed.deck import frozen_seed
 from studies.sealed.score import leaving_out, use_frozen
 
-from . import answers, beside_simulation, by_hand, deck, judging, section_one
+from . import ablations, answers, beside_simulation, by_hand, deck, judging, section_one
 from .answers import Case
 from .deck import Makers
 
@@ -101,7 +101,7 @@ def run_case(case: Case, folder: Path, without: str | None = None) -> Row:
         else ["--write-model", str(found)]
     )
     began = time.perf_counter()
-    with leaving_out(without):
+    with ablations.leaving_out(without) if without in ablations.PARTS else leaving_out(without):
         trouble = command(*words)
     seconds = time.perf_counter() - began
     path = folder / "diagnosis.json"
@@ -198,7 +198,9 @@ def main() -> None:
     parser.add_argument("--only", default="", help="cases whose name begins so, or so: separated by commas")
     parser.add_argument("--design", choices=deck.KINDS, help="of laws, nulls, known effects and sweeps: these alone")
     parser.add_argument("--minutes", type=float, default=1e9, help="stop after so long; a later run goes on")
-    parser.add_argument("--without", help="leave a part of the method out, see `highside.diagnosis.core.method`")
+    parser.add_argument(
+        "--without", help="leave a part out: of `highside.diagnosis.core.method`, or floor, free_rivals, stability"
+    )
     parser.add_argument(
         "--rivals", action="store_true", help="regressions of well-kept libraries on the pairs of sessions"
     )
