@@ -8,6 +8,7 @@ import pytest
 from highside.api.diagnosis import Diagnosis
 from highside.config.model import Model
 from highside.diagnosis.core.result import Claim, DiagnosisResult
+from highside.diagnosis.laws.acting import known_where_it_acted
 from highside.diagnosis.laws.evidence import Families, LawTerm, Prior, Whitened
 from highside.diagnosis.laws.groups import LawGroup, groups_of
 from highside.diagnosis.laws.noise import LawNoise, Whitener
@@ -103,3 +104,38 @@ def test_a_law_that_set_in_acts_all_the_time_in_the_next_session() -> None:
     assert law_words(told) == "an offset of ax that follows temperature, from 60 s on"
     alone = replace(law, axes=(step,), coefficients=((1.0,),))
     assert alone.lasting() is alone and alone.sets_in_s is None
+
+
+@pytest.mark.parametrize("functions", ["wide_cosine", "bump"])
+def test_a_law_that_set_in_is_known_where_it_acted(functions: str) -> None:
+    """Its curve reaches over all temperatures that were visited; what it does at those of before it set in was a model
+    that left fifty thousand times what there was."""
+    posed = late(3e-4)
+    group = next(g for g in groups_of(posed) if g.label == "inclination_inc_temp")
+    temp = posed.covariates["temp"]
+    acts = T >= ONSET
+    low, high = float(temp[acts].min()), float(temp[acts].max())
+    assert temp.min() < low or temp.max() > high
+    whole = (float(temp.min()), float(temp.max()))
+    made = (
+        (Function("one"), *(Function("wide_cosine", (float(k),)) for k in range(1, 9)))
+        if functions == "wide_cosine"
+        else (Function("bump", (0.5 * sum(whole), 4.0)),)
+    )
+    onset = Axis("time", 0.0, float(T[-1]), (Function("step", (ONSET,)),))
+    values = np.random.default_rng(3).standard_normal(len(made))
+    spread = tuple(tuple(map(float, row)) for row in np.diag(values**2))
+    law = Law(
+        "late", "inclination", ("inc",), (Axis("temp", *whole, made), onset), (tuple(map(float, values)),), spread
+    )
+    known = known_where_it_acted(posed, group, law)
+    assert (known.axes[0].low, known.axes[0].high) == (low, high) and known.axes[1] == onset
+    at = np.linspace(low, high, 57)
+    late_on = np.full(57, T[-1])
+    size = float(np.max(np.abs(law.value([at, late_on]))))
+    np.testing.assert_allclose(known.value([at, late_on]), law.value([at, late_on]), atol=1e-3 * size)
+    np.testing.assert_allclose(known.std([at, late_on]), law.std([at, late_on]), rtol=0.02)
+    width = high - low
+    for beyond in (low - width, high + width):
+        assert abs(float(known.lasting().value([np.array([beyond])])[0])) < 1e-6 * size
+    assert known_where_it_acted(posed, group, law.lasting()) == law.lasting()

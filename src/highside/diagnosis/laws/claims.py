@@ -12,6 +12,7 @@ from highside.arrays import Array
 from highside.diagnosis.core.finding_policy import STABILITY
 from highside.diagnosis.core.regression import flattened
 from highside.diagnosis.core.result import Claim, Curve, FittedParameter
+from highside.diagnosis.laws.acting import known_where_it_acted
 from highside.diagnosis.laws.effects import EffectGroup
 from highside.diagnosis.laws.evidence import LawTerm, Whitened, raw_columns
 from highside.diagnosis.laws.formulas import Closed, closed_form
@@ -69,7 +70,7 @@ def reported_laws(found: Found, taken: Iterable[str] = ()) -> list[ReportedLaw]:
             law = _law(terms[k].group, curves[k], covariance[part, part])
             effect = np.tensordot(curves[k], raw_columns(found.problem, [terms[k]]), 1)
         gains = heldout(white, terms, k)
-        law = replace(law, slug=slug_beside(law.slug, ids))
+        law = known_where_it_acted(found.problem, terms[k].group, replace(law, slug=slug_beside(law.slug, ids)))
         ids.add(law.id)
         made.append(ReportedLaw(law, _claim(found, white, terms, k, law, closed, shares[k], gains, effect), effect))
     return sorted(made, key=lambda one: -(one.claim.share or 0.0))

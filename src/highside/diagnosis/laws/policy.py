@@ -244,6 +244,8 @@ class LawReportPolicy:
     four of wrong ones -77 to 10.6, among them the one false law (null/200 of d31709b, 4.9)."""
     ridge: float = 1e-10
     """Share of a column's size that keeps normal equations from being singular. Source: rounding."""
+    over_range: int = 400
+    """Values over a range at which a curve is the same with other functions. Source: ten a wave of the finest."""
     case: float = 0.05
     """Share of what a name does that a law's functions cannot do, below which the name is a case of that law. Source:
     chosen; fourteen cosines make a square to better than a thousandth, another place makes none of it."""
