@@ -117,10 +117,12 @@ class Search(Steps):
             if which(start.terms) == which(best.terms):
                 break
             state = self._learn(start.terms, self.problem.residual)
-            made = self._proved(self._grown(self._proved(state), relearn=True))
-            if made.worth <= best.worth:
+            if state.worth <= best.worth:
                 break
-            best = made
+            made = self._proved(self._grown(self._proved(state), relearn=True))
+            best = max((best, made), key=lambda s: s.worth)
+            if best is not made:
+                break
         return best
 
     def _step_by_step(self, nothing: State) -> State:
