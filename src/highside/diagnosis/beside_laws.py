@@ -113,7 +113,7 @@ def with_laws(
     final = _final(session, model, outcome)
     after = np.asarray(session.observed.residual(final))
     fit = _fit(session, outcome.found, report, after, diagnosis.fit)
-    if not (diagnosis.claims or outcome.names) and _explains_nothing(fit):
+    if not (diagnosis.claims or outcome.names) and _explains_nothing(session, outcome, report.before, after):
         return diagnosis, report
     places = tuple(location_of(c) for c in laws)
     kept = diagnosis.location if outcome.names and (diagnosis.claims or not laws) else ()
@@ -412,10 +412,12 @@ def _fit(session: LawSession, found: Found, report: ReportData, after: Array, be
     )
 
 
-def _explains_nothing(fit: Fit) -> bool:
-    """Whether nearly all of a misfit larger than the noise is left."""
-    before, after = (rmse**2 - fit.noise_floor**2 for rmse in (fit.rmse_before, fit.rmse_after))
-    return before > fit.noise_floor**2 and after > (1.0 - LAW_VERDICT.least_explained) * before
+def _explains_nothing(session: LawSession, outcome: _Outcome, before: Array, after: Array) -> bool:
+    """Whether nearly all of a misfit larger than the noise is left on the channels that the laws act on."""
+    sigma = np.sqrt(np.mean((outcome.found.noise.factor[:, None] * session.floor) ** 2, axis=1))
+    acts = np.any([np.any(one.effect != 0, axis=1) for one in outcome.laws], axis=0)
+    had, left = (float(np.mean((one[acts] / sigma[acts, None]) ** 2)) - 1.0 for one in (before, after))
+    return had > 1.0 and left > (1.0 - LAW_VERDICT.least_explained) * had
 
 
 def laws_of(diagnosis: DiagnosisResult) -> tuple[Law, ...]:
