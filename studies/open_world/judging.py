@@ -177,7 +177,8 @@ def judged(row: Row) -> Row:
     if beside and left is not None and truth["laws"] and any(exact) and row.get("captured", 0.0) > 0.1:
         beside = False  # part of the law has a name, the rest is told as the law that it is
     named_known = bool(known) and all(any(k in m for m in classes) for k in known)
-    covered = _covered(known, names, classes, allowed, exact, in_class, verdicts, answer["verdict"])
+    laws = [set(c["equivalence_class"]) | {c["effect"]} for c in reported]
+    covered = _covered(known, laws, classes, allowed, exact, in_class, verdicts, answer["verdict"])
     found: Row = {
         "verdict": answer["verdict"], "names": names,
         "told": [f"{p}({', '.join(sorted(c))})" for p, c in map(key_of, reported)],
@@ -210,7 +211,7 @@ def _walks(truth: Row, answer: Row) -> bool:
 
 
 def _covered(
-    known: Row, names: list[str], classes: list[set[str]], allowed: list[str], exact: list[bool],
+    known: Row, laws: list[set[str]], classes: list[set[str]], allowed: list[str], exact: list[bool],
     in_class: list[bool], verdicts: list[str], verdict: str,
 ) -> bool:  # fmt: skip
     """Whether all that is hidden is told, by a name or a law or by the verdict that is right, and no wrong name."""
@@ -222,6 +223,9 @@ def _covered(
     if known and set(known) <= members:
         return True
     if allowed and any(_matches(name, allowed) for name in members):
+        return True
+    # where no law was drawn, one that fits is right if none stands beside it that does not
+    if not exact and laws and all(any(_matches(k, allowed) for k in m) for m in laws):
         return True
     return bool(in_class) and all(in_class)
 

@@ -42,6 +42,13 @@ def by_hand(seed: int = 1) -> Array:
     return np.asarray(down + 0.2 * moved / moved.std())
 
 
+def missing_motion() -> Array:
+    """(3, N) that the prediction does not have, for some seconds, g."""
+    rng = np.random.default_rng(4)
+    moved = sosfiltfilt(butter(2, [0.5, 4.0], "band", fs=RATE_HZ, output="sos"), rng.standard_normal((3, T_S.size)))
+    return np.asarray(0.15 * np.exp(-(((T_S - 20.0) / 8.0) ** 2)) * moved / moved.std())
+
+
 def of(force: Array, t_s: Array = T_S, noise: float = 0.0, seed: int = 7) -> Columns:
     """A file's columns."""
     rows = force + noise * np.random.default_rng(seed).standard_normal(force.shape)
@@ -167,10 +174,26 @@ def test_a_motion_that_runs_slow_with_its_rates_is_no_clock() -> None:
     gyros = ({"t_s": side["t_s"], **{n: side[n] for n in RATES}} for side in (case.recording, case.prediction))
     session = simulation_session(*gyros)
     found = diagnose_simulation(session, (), method=ProcedureParts.without("laws"))[0]
-    assert (found.verdict, names(found)) == ("named", ["clock_skew", "gyro_scale"])
-    factor = found.claims[1].parameters["k_gy_dps"].value
-    assert factor == pytest.approx(-found.claims[0].parameters["eps"].value, rel=0.01)
+    assert (found.verdict, names(found)) == ("named", ["motion_rate"])
+    assert found.claims[0].parameters["eps"].value == pytest.approx(-0.03 / 0.97, rel=1e-3)
+    assert found.claims[0].share == pytest.approx(1.0)
     assert found.remainder.hints[0].startswith("the motion of the prediction and its rates are 0.97 times as fast")
+
+
+@pytest.mark.parametrize("late_s", [0.005, 0.3])
+def test_beside_a_motion_that_is_missing_the_shift_of_the_clock_is_told(late_s: float) -> None:
+    """What is missing withdrew every name, and laws of single channels shared the shift out among them."""
+    found, _ = reported(of(by_hand() + missing_motion(), noise=NOISE_G), of(by_hand(), T_S - late_s))
+    assert names(found) == ["time_offset"]
+    offset = found.claims[0].parameters["t0"]
+    assert offset.value == pytest.approx(late_s, abs=1e-3)
+    assert offset.low < late_s < offset.high
+
+
+def test_one_late_channel_is_no_clock_beside_a_motion_that_is_missing() -> None:
+    late = np.stack([np.interp(T_S - tau, T_S, row) for tau, row in zip((0.0, 0.0, 0.03), by_hand(), strict=True)])
+    found, _ = reported(of(late + missing_motion(), noise=NOISE_G), of(by_hand()))
+    assert "time_offset" not in names(found)
 
 
 def test_a_clock_that_runs_off_by_little_is_a_rate_too() -> None:

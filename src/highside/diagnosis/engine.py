@@ -193,17 +193,12 @@ def diagnose_magnitudes(
 
 
 def diagnose_simulation(
-    session: SimulationSession,
-    free: Sequence[str],
-    *,
-    seed: int = 1,
-    version: str = "",
-    method: ProcedureParts = WHOLE,
+    session: SimulationSession, free: Sequence[str], *, seed: int = 1, version: str = "", method: ProcedureParts = WHOLE
 ) -> tuple[DiagnosisResult, ReportData]:
-    """Diagnose channels beside another program's prediction of them; `free` are ids of effects that are refitted. Of
-    `method` it is only asked whether laws are sought."""
+    """Diagnose channels beside another program's prediction; `free` are refitted; `method` says if laws are sought."""
     from highside.diagnosis.law_channels import UNTOUCHED, with_channel_laws
     from highside.diagnosis.rows.colour import with_long_memory
+    from highside.diagnosis.simulation.constants import with_one_for_two
     from highside.diagnosis.simulation.measured_clock import with_measured_clock
     from highside.diagnosis.simulation.missing_turn import missing_turn
     from highside.diagnosis.simulation.motion import missing_motion, with_missing_motion
@@ -211,9 +206,8 @@ def diagnose_simulation(
     from highside.diagnosis.simulation.problem import SimulationProblem
 
     problem = SimulationProblem.beside(session, tuple(free), seed)
-    found, report = with_measured_clock(problem, *diagnose(problem, version))
-    beside = problem.session
-    turned = missing_turn(beside, report.after)
+    problem, found, report = with_measured_clock(problem, *diagnose(problem, version))
+    turned = missing_turn(problem.session, report.after)
     if turned is not None and found.verdict not in UNTOUCHED:
         # no law is sought in what a motion does: laws of single channels would share it out
         return with_missing_motion(found, turned), report
@@ -221,10 +215,13 @@ def diagnose_simulation(
     if method.laws:
         found, report = with_channel_laws(problem, found, report)
     if found.verdict == "unknown" and not found.claims and seen.any:
-        found = with_missing_motion(found, missing_motion(beside, report.after, white_of(problem, report.after)))
+        found = with_missing_motion(
+            found, missing_motion(problem.session, report.after, white_of(problem, report.after))
+        )
     # whatever the colour of the noise: no error of it explains what no noise of sensors does
     certain = seen.no_noise is not None and found.verdict == "unknown"
-    return found if certain else with_long_memory(found, beside), report
+    found = found if certain else with_long_memory(found, problem.session)
+    return with_one_for_two(found, report, problem.session)
 
 
 def diagnose(problem: Problem[N], version: str = "") -> tuple[DiagnosisResult, ReportData]:

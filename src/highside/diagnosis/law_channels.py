@@ -24,6 +24,7 @@ from highside.diagnosis.simulation.motion import MissingMotion, missing_motion, 
 from highside.diagnosis.simulation.noise_of_sensors import white_of
 from highside.diagnosis.simulation.policy import MOTION, SIMULATION_CHOICE
 from highside.diagnosis.simulation.problem import SimulationProblem
+from highside.diagnosis.simulation.session import RATES
 
 UNTOUCHED = frozenset({"bad_data", "not_testable"})
 SMALL = (
@@ -255,7 +256,12 @@ def _covariates(problem: SimulationProblem) -> dict[str, Array]:
         "temp_rate": session.state.temp_rate_cps,
         "vibration": session.state.vibration_rms_g,
         **{f"rate_{axis}": np.degrees(rate) for axis, rate in session.rates.items()},
-        **dict(zip(session.names, session.predicted, strict=True)),
+        **{
+            name: row
+            for name, row in zip(session.names, session.predicted, strict=True)
+            # a rate that is a channel is among the rates already
+            if not (name in RATES and name[1] in session.rates)
+        },
     }
     if session.speed is not None:
         found["speed"] = session.speed

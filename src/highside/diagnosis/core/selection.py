@@ -103,7 +103,8 @@ class Selector:
         return grown
 
     def _merged(self, terms: list[Term]) -> list[Term]:
-        """One name instead of two where another variant of the one explains nearly what both do, or holds all of both.
+        """One name instead of two where another variant of the one explains nearly what both do, or holds all of both,
+        or where a third explains as much.
 
         An effect that was let act in part leaves a rest, which something else may then be found to explain. What is
         required beside the very same variant is no such rest, however many amplitudes BIC charges for it.
@@ -118,10 +119,21 @@ class Selector:
                 needed = variants[best] == kept and self._needed([*others, kept], dropped)
                 if score < self._cost(terms) + SELECTION.merge_bic and not needed:
                     return self._merged([*others, variants[best]])
+                other = self._one_for_two(others, kept, dropped)
+                if other is not None and self._cost([*others, other]) < self._cost(terms) - SELECTION.rounding:
+                    return self._merged([*others, other])
                 whole = self.candidate_set.whole(kept)
                 if whole != kept and self.holds([*others, whole], dropped):
                     return self._merged([*others, whole])
         return terms
+
+    def _one_for_two(self, others: list[Term], one: Term, other: Term) -> Term | None:
+        """The candidate that explains most in the place of two, that is neither of them."""
+        now = self.ranking(others)
+        taken = [m.candidate for m in (*others, one, other)]
+        score = np.where(np.isin(np.arange(now.bic.size), [*taken, *self.banned]), -np.inf, now.bic)
+        k = ranked(score)[0]
+        return now.best[k] if np.isfinite(score[k]) and now.log_p[k] > self.threshold else None
 
     def _needed(self, terms: Sequence[Term], other: Term) -> bool:
         """Whether a candidate passes beside terms."""

@@ -15,6 +15,7 @@ import numpy as np
 
 from highside.diagnosis.core.candidate_set import Term
 from highside.diagnosis.core.candidates import Candidate
+from highside.diagnosis.core.fit import JointFit
 from highside.diagnosis.core.memory import SlowEffect
 from highside.diagnosis.core.problem import SelectionState
 from highside.diagnosis.core.problem_policy import ProblemPolicy
@@ -22,9 +23,12 @@ from highside.diagnosis.core.rivals import rivalry
 from highside.diagnosis.core.shares import gain_of, shares_of
 from highside.diagnosis.rows.gram import Gram, RandomWalkGrams
 from highside.diagnosis.rows.noise import RotationNoise
+from highside.diagnosis.simulation.constants import is_one_motion
 from highside.diagnosis.simulation.design import SimulationDesign
 from highside.diagnosis.simulation.policy import SIMULATION_CHOICE
+from highside.diagnosis.simulation.session import SKEW
 from highside.physics.channel_effect import OnChannels
+from highside.physics.effects.gyro_scale import EFFECT as GYRO_SCALE
 
 
 class Chosen(Protocol):
@@ -41,6 +45,7 @@ class Chosen(Protocol):
     @property
     def random_walks(self) -> list[RandomWalkGrams]: ...
     def slow(self) -> list[SlowEffect]: ...
+    def fit(self, terms: Sequence[Term], noise: RotationNoise) -> JointFit: ...
 
 
 def more_than_remainders(
@@ -63,9 +68,22 @@ def more_than_remainders(
         own = gain_of(selector, kept) - without
         # a small delay beside a large one is what that lacks, however much of it
         to_the_noise = candidate.named and not delay and own > problem.policy.named_share * (beyond - without)
-        if others and total - without < least * total and not to_the_noise:
+        small = total - without < least * total and not to_the_noise
+        if others and small and not _of_the_motion(problem, selection, kept, term):
             kept = others
     return kept
+
+
+def _of_the_motion(
+    problem: Chosen, selection: SelectionState[RotationNoise], terms: Sequence[Term], term: Term
+) -> bool:
+    """Whether a term is the factor of the rates beside a motion that runs fast or slow by as much: no remainder has the
+    size of what leaves it."""
+    names = {problem.candidates[m.candidate].id for m in terms}
+    if problem.candidates[term.candidate].id != GYRO_SCALE.id or SKEW not in names:
+        return False
+    found = problem.fit(terms, selection.noise).parameters
+    return is_one_motion(found[SKEW]["eps"], found[GYRO_SCALE.id])
 
 
 def without_doubtful(problem: Chosen, selection: SelectionState[RotationNoise], terms: Sequence[Term]) -> list[Term]:

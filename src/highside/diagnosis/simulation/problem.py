@@ -84,6 +84,17 @@ class SimulationProblem(RowsProblem):
             before, about = about, problem._nonlinear()
         return problem
 
+    def about_clock(self, shift_s: float) -> SimulationProblem:
+        """The same with its columns made about a shift of the clock."""
+        return self._about(self.session, self.free, self.seed, {OFFSET: (shift_s,)}, self.design.without)
+
+    def whole_term(self, effect: str) -> Term | None:
+        """All amplitudes of an effect, at the first of its shapes; None where it is no candidate."""
+        for i, candidate in enumerate(self.candidates):
+            if candidate.id == effect:
+                return next((Term(i, j) for j, variant in enumerate(candidate.variants) if variant.whole), None)
+        return None
+
     def _nonlinear(self) -> About:
         """What a first choice says of effects that are not linear."""
         found = self.fit(self.chosen.terms, self.noise).parameters
