@@ -85,6 +85,8 @@ class Channels:
     """the channel by which the clock is told, where each has a delay of its own"""
     angular: Mapping[str, AnyArray] = field(default_factory=dict)
     """{axis: (n,) rad/s2} how fast the rates change"""
+    through: Callable[[Callable[[AnyArray], AnyArray]], AnyArray] | None = None
+    """a function of the predicted channels, (C, N) to (K, N), as these rows show it (K, n); None: of what they show"""
 
     @property
     def n(self) -> int:
@@ -96,6 +98,10 @@ class Channels:
         """(n,) by how much the clock is taken to be moved."""
         (delay_s,), (rate,) = self.about.get("time_offset", (0.0,)), self.about.get("clock_skew", (0.0,))
         return np.asarray(delay_s + rate * (self.t_s - self.t_s[:1]))
+
+    def made(self, function: Callable[[AnyArray], AnyArray]) -> AnyArray:
+        """(K, n) what a function of the channels, (C, N) to (K, N), is of what is predicted."""
+        return function(self.predicted) if self.through is None else self.through(function)
 
     def kinds(self) -> dict[str, list[int]]:
         """Channels by what they measure."""

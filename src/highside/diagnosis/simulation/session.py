@@ -7,7 +7,7 @@ temperature) are the covariates that effects are made of.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 from typing import Self
@@ -20,7 +20,7 @@ from highside.diagnosis.rows.policy import GRAMS
 from highside.diagnosis.rows.session import RotationSession
 from highside.diagnosis.simulation.alignment import Align, Alignment, align, filled, in_gap, usual_rate
 from highside.diagnosis.simulation.policy import SIMULATION_SESSIONS
-from highside.diagnosis.simulation.prediction import Prediction, at_ends, is_low_passed, settled_s
+from highside.diagnosis.simulation.prediction import Prediction, at_ends, is_low_passed, settled_s, smoothed
 from highside.diagnosis.simulation.turning import angular_acceleration, noise_of_rate
 from highside.errors import InputError
 from highside.physics.channels import Channels
@@ -144,6 +144,7 @@ class SimulationSession(RotationSession):
                 axis: angular_acceleration(r, self.step_s, self.rate_noise.get(axis, 0.0))
                 for axis, r in self.rates.items()
             },
+            self.predicted_through,
         )
 
     def risen(self, since_s: float) -> Array:
@@ -164,6 +165,13 @@ class SimulationSession(RotationSession):
     def predicted_later(self, later_s: Array) -> Array:
         """(C, n) what is predicted at times so much earlier."""
         return self.original if self.prediction is None else self.prediction.at(self.state.t_s - later_s)
+
+    def predicted_through(self, function: Callable[[Array], Array]) -> Array:
+        """(K, n) what a function of the predicted channels, (C, N) to (K, N), is on the grid: its harmonics are cut off
+        as the recording's are, and not those that what was cut off already would have."""
+        if self.prediction is None or not self.low_passed:
+            return function(self.predicted)
+        return self.prediction.through(function).at(self.state.t_s - self.later_s)
 
     @property
     def warm(self) -> bool:
@@ -200,7 +208,8 @@ def simulation_session(
 
     longest = SIMULATION_SESSIONS.gap_steps / raw_hz
     measured = np.stack([sampled(t_s, side[n]) for n in names])
-    prediction = _prediction(t_sim, [side_sim[n] for n in names], band_hz / (1.0 - found.rate), raw_hz, longest)
+    # where the recording shows the motion slower, the same parts of it lie higher in the prediction's own time
+    prediction = Prediction.of(t_sim, [side_sim[n] for n in names], band_hz / (1.0 - found.rate), raw_hz, longest)
     model = prediction.at(grid)
     _refuse_copies(names, measured, np.stack([sampled(t_sim, side_sim[n]) for n in names]))
     for c in (c for c, name in enumerate(names) if unit_of(name) == "deg"):
@@ -317,16 +326,6 @@ def _smeared(lost: NDArray[np.bool_], band: float) -> NDArray[np.bool_]:
     return np.asarray(np.convolve(lost, np.ones(2 * reach + 1), mode="same") > 0.5)
 
 
-def _prediction(t_s: Array, columns: Sequence[Array], band_hz: float, raw_hz: float, longest_s: float) -> Prediction:
-    """The columns (N,) of a prediction as curves, no finer than the band that is compared, in the prediction's own
-    time: where the recording shows the motion slower, the same parts of it lie higher there."""
-    from scipy.interpolate import CubicSpline
-
-    times, rows = zip(*(_smoothed(t_s, values, band_hz, raw_hz) for values in columns), strict=True)
-    curves = tuple(CubicSpline(at, row) for at, row in zip(times, rows, strict=True))
-    return Prediction(curves, t_s, tuple(columns), longest_s, settled_s(t_s, band_hz, raw_hz))
-
-
 def _refuse_copies(names: tuple[str, ...], measured: Array, model: Array) -> None:
     """A recording has noise of its own: a prediction (C, N) that equals it but for an offset and a factor was made from
     it. Raises InputError with its name."""
@@ -392,22 +391,9 @@ def _activity(model: Array, rates: Mapping[str, Array]) -> Array:
     return np.asarray(np.sqrt(square / max(float(square.mean()), 1e-30)))
 
 
-def _smoothed(t_s: Array, values: Array, band_hz: float, raw_hz: float) -> tuple[Array, Array]:
-    """Times that rise and values there, low-passed without delay where the grid is coarser than the rows."""
-    from scipy.signal import butter, sosfiltfilt
-
-    own_hz = max(usual_rate(t_s), raw_hz)
-    if not is_low_passed(t_s, band_hz, raw_hz):
-        times = t_s[np.diff(t_s, prepend=-np.inf) > SIMULATION_SESSIONS.apart / own_hz]
-        return times, filled(times, t_s, values)
-    times = np.arange(t_s[0], t_s[-1], 1 / own_hz)
-    smooth = sosfiltfilt(butter(4, band_hz, fs=own_hz, output="sos"), filled(times, t_s, values))
-    return times, np.asarray(smooth)
-
-
 @cache
 def _step_response() -> tuple[Array, Array]:
-    """Times in periods of the band's edge, and what the low-pass of `_smoothed` makes of a unit step at zero."""
+    """Times in periods of the edge of the band, and what the low-pass of `smoothed` makes of a unit step at zero."""
     from scipy.signal import butter, sosfiltfilt
 
     reach, per_period = SIMULATION_SESSIONS.step_reach, SIMULATION_SESSIONS.step_rows
@@ -420,7 +406,7 @@ def _sampled(grid: Array, t_s: Array, values: Array, band_hz: float, raw_hz: flo
     """Values on the grid, low-passed where that is coarser than the rows."""
     from scipy.interpolate import CubicSpline
 
-    times, smooth = _smoothed(t_s, values, band_hz, raw_hz)
+    times, smooth = smoothed(t_s, values, band_hz, raw_hz)
     if not is_low_passed(t_s, band_hz, raw_hz):
         # noise and all: a curve would swing between rows that are near one another
         return np.asarray(np.interp(grid, times, smooth))

@@ -27,12 +27,12 @@ class Cubic(AxisEffect):
         return 3 * f * f
 
     def on_channels(self, data: Channels) -> Sequence[ChannelTerm]:
-        terms = []
+        terms, bent = [], data.made(lambda s: s**3)
         for place, members in data.of_kind("accel"):
             parameters = tuple(
                 Parameter(f"k3_{data.names[c]}", f"1/({data.units[c]})^2", 1e-3, (-0.1, 0.1)) for c in members
             )
-            columns = data.on([(c, data.predicted[c] ** 3) for c in members])
+            columns = data.on([(c, bent[c]) for c in members])
             terms.append(ChannelTerm(parameters, (columns,), (EACH, place, 3)))
         return terms
 

@@ -36,12 +36,12 @@ class OddQuadratic(AxisEffect):
         return 2 * f * np.sign(f.real)
 
     def on_channels(self, data: Channels) -> Sequence[ChannelTerm]:
-        terms = []
+        terms, bent = [], data.made(lambda s: s * np.abs(s))
         for place, members in data.of_kind("accel"):
             parameters = tuple(
                 Parameter(f"ko_{data.names[c]}", f"1/({data.units[c]})", 1e-3, (-0.1, 0.1)) for c in members
             )
-            columns = data.on([(c, data.predicted[c] * np.abs(data.predicted[c])) for c in members])
+            columns = data.on([(c, bent[c]) for c in members])
             terms.append(ChannelTerm(parameters, (columns,), (EACH, place, 4)))
         return terms
 

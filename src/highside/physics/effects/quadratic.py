@@ -30,12 +30,12 @@ class Quadratic(AxisEffect):
         return 2 * f
 
     def on_channels(self, data: Channels) -> Sequence[ChannelTerm]:
-        terms = []
+        terms, bent = [], data.made(lambda s: s**2)
         for place, members in data.of_kind("accel"):
             parameters = tuple(
                 Parameter(f"k2_{data.names[c]}", f"1/({data.units[c]})", 1e-3, (-0.1, 0.1)) for c in members
             )
-            columns = data.on([(c, data.predicted[c] ** 2) for c in members])
+            columns = data.on([(c, bent[c]) for c in members])
             terms.append(ChannelTerm(parameters, (columns,), (EACH, place, 2)))
         return terms
 
