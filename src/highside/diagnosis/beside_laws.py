@@ -21,7 +21,7 @@ from highside.diagnosis.core.result import Claim, DiagnosisResult, Fit, Verdict
 from highside.diagnosis.identified_noise import with_identified_noise
 from highside.diagnosis.law_answers import beside_laws, location_of, told_implausible, told_unnamed
 from highside.diagnosis.law_sessions import LawSession
-from highside.diagnosis.laws.claims import ReportedLaw, cases_of_laws, heldout_of, proved, reported_laws
+from highside.diagnosis.laws.claims import ReportedLaw, cases_of_laws, effects_of, heldout_of, proved, reported_laws
 from highside.diagnosis.laws.effects import EffectGroup
 from highside.diagnosis.laws.found import Found
 from highside.diagnosis.laws.free_rivals import (
@@ -101,9 +101,10 @@ def with_laws(
         told = {c.effect: c for c in outcome.names}
         diagnosis = replace(diagnosis, claims=tuple(told.get(c.effect, c) for c in diagnosis.claims))
         return with_identified_noise(diagnosis, outcome.found), report
-    # rounding is a function of the reading too: what is below half its step is no law
-    if not all(np.any(np.abs(one.effect) > session.lattice[:, None] / 2) for one in outcome.laws):
-        return told_unnamed(diagnosis, report, outcome.doubted) if outcome.doubted else (diagnosis, report)
+    if outcome.laws:
+        outcome = _above_rounding(session, model, outcome)
+        if not outcome.laws:
+            return told_unnamed(diagnosis, report, outcome.doubted) if outcome.doubted else (diagnosis, report)
     others = tuple(c for c in diagnosis.claims if c not in chain)
     laws = tuple(_resembling(session, model, outcome, one) for one in outcome.laws)
     claims = (*others, *outcome.names, *laws)
@@ -197,6 +198,17 @@ def _beside_random_walk(outcome: _Outcome, model: ForwardModel) -> _Outcome:
         return outcome
     names, _ = with_free_rivals(names_of(found, model), found)
     return replace(outcome, names=names, laws=tuple(reported_laws(found, model.ids)), found=found, renamed=False)
+
+
+def _above_rounding(session: LawSession, model: ForwardModel, outcome: _Outcome) -> _Outcome:
+    """Without the laws that stay below half a step of rounding: that is a function of the reading too."""
+    small = {
+        k for k, one in effects_of(outcome.found).items() if not np.any(np.abs(one) > session.lattice[:, None] / 2)
+    }
+    if not small:
+        return outcome
+    found = outcome.found.only([k for k in range(len(outcome.found.terms)) if k not in small])
+    return replace(outcome, laws=tuple(reported_laws(found, model.ids)), found=found)
 
 
 def _as_slow(found: Found, k: int, effect: str) -> bool:

@@ -338,34 +338,25 @@ def _sectors(session: RotationSession, orders: Sequence[float]) -> int:
 
 
 def cells_of(session: RotationSession, sectors: int = LAW_CELLS.sectors) -> CellMeans:
-    """Sectors of toolface within some turns at one rate; where rows are few each is its own."""
-    state, n = session.state, session.n
+    """Sectors of toolface within some turns at one rate; where rows are few each is its own.
+
+    Where a rate that never rests would leave nearly every row a cell of its own, sectors and then rates are wider: the
+    cost of a search is that of its cells.
+    """
+    n = session.n
     rows = np.arange(n)
     kept = np.ones(n, dtype=bool) if session.omitted is None else ~session.omitted
     if n <= LAW_CELLS.most:
         number = np.where(kept, np.cumsum(kept) - 1, -1)
         return CellMeans(number, np.ones(int(kept.sum())), rows[kept])
-    turn = 2 * np.pi
-    angle = state.tf_rad - state.tf_rad.min()
-    sector = np.floor(np.mod(angle, turn) / turn * sectors).astype(int)
-    way = np.cumsum(np.abs(np.diff(angle, prepend=angle[:1]))) / turn
-    rate = state.rotor_rate_radps
-    level = np.round(rate / max(LAW_CELLS.rate * float(np.abs(rate).max()), 1e-12)).astype(int)
-    blocks = max(2, LAW_CELLS.most // sectors)
-    each = max(1.0, float(way[-1]) / blocks)
-    seconds = max(float(state.t_s[-1] - state.t_s[0]), 1e-9) / blocks
-    # a block ends after so many turns, after so long, or where the rate changes
-    block = (
-        np.floor(way / each).astype(int),
-        np.floor((state.t_s - state.t_s[0]) / seconds / LAW_CELLS.slow).astype(int),
-    )
-    borders = (np.diff(block[0], prepend=0) != 0) | (np.diff(block[1], prepend=0) != 0)
-    borders |= np.diff(level, prepend=level[:1]) != 0
-    key = np.cumsum(borders).astype(np.int64) * sectors + sector
-    _, number, count = np.unique(np.where(kept, key, -1), return_inverse=True, return_counts=True)
-    number = number.reshape(-1)
-    if not kept.all():
-        number, count = number - 1, count[1:]
+    number, count = _numbered(session, kept, sectors, 1)
+    while count.size > LAW_CELLS.limit and sectors > LAW_CELLS.sectors:
+        sectors = max(LAW_CELLS.sectors, sectors // 2)
+        number, count = _numbered(session, kept, sectors, 1)
+    for wider in LAW_CELLS.wider:
+        if count.size <= LAW_CELLS.limit:
+            break
+        number, count = _numbered(session, kept, sectors, wider)
     # the row in the middle of a cell stands for it, and says where it stands in time: rows of one cell lie turns apart
     used = number >= 0
     by_cell = np.argsort(number[used], kind="stable")
@@ -377,3 +368,32 @@ def cells_of(session: RotationSession, sectors: int = LAW_CELLS.sectors) -> Cell
     number = np.where(used, place[np.maximum(number, 0)], -1)
     count, middle = count[order], middle[order]
     return CellMeans(number, count.astype(float), middle)
+
+
+def _numbered(session: RotationSession, kept: NDArray[np.bool_], sectors: int, wider: int) -> tuple[Ints, Ints]:
+    """Number (n,) of each row's cell, -1 for one that is left out, and the rows of each. A cell ends where the rate has
+    changed; with rates `wider` than usual it goes on when the rate is back."""
+    state, turn = session.state, 2 * np.pi
+    angle = state.tf_rad - state.tf_rad.min()
+    sector = np.floor(np.mod(angle, turn) / turn * sectors).astype(int)
+    way = np.cumsum(np.abs(np.diff(angle, prepend=angle[:1]))) / turn
+    rate = state.rotor_rate_radps
+    level = np.round(rate / max(wider * LAW_CELLS.rate * float(np.abs(rate).max()), 1e-12)).astype(int)
+    blocks = max(2, LAW_CELLS.most // sectors)
+    each = max(1.0, float(way[-1]) / blocks)
+    seconds = max(float(state.t_s[-1] - state.t_s[0]), 1e-9) / blocks
+    # a block ends after so many turns, after so long, or where the rate changes
+    block = (
+        np.floor(way / each).astype(int),
+        np.floor((state.t_s - state.t_s[0]) / seconds / LAW_CELLS.slow).astype(int),
+    )
+    borders = (np.diff(block[0], prepend=0) != 0) | (np.diff(block[1], prepend=0) != 0)
+    if wider > 1:
+        of_rate = level - level.min()
+        run = np.cumsum(borders).astype(np.int64) * (int(of_rate.max()) + 1) + of_rate
+    else:
+        run = np.cumsum(borders | (np.diff(level, prepend=level[:1]) != 0)).astype(np.int64)
+    key = run * sectors + sector
+    _, number, count = np.unique(np.where(kept, key, -1), return_inverse=True, return_counts=True)
+    number = number.reshape(-1)
+    return (number, count) if kept.all() else (number - 1, count[1:])

@@ -8,7 +8,7 @@ import numpy as np
 
 from highside.diagnosis.core.result import Claim
 from highside.diagnosis.law_sessions import LawSession
-from highside.diagnosis.laws.claims import named_claim, reported_laws
+from highside.diagnosis.laws.claims import effects_of, named_claim
 from highside.diagnosis.laws.found import Found
 from highside.diagnosis.laws.instead import names_instead
 from highside.diagnosis.name_groups import name_groups, resembled
@@ -49,7 +49,7 @@ def names_of(found: Found, model: ForwardModel) -> tuple[Claim, ...]:
 
 def alike_of(session: LawSession, model: ForwardModel, found: Found) -> list[str]:
     """Names that do nearly what one of the laws does, or what all of them do together."""
-    effects = [one.effect for one in reported_laws(found)]
+    effects = list(effects_of(found).values())
     if len(effects) > 1:
         effects.append(np.sum(effects, axis=0))
     return list(dict.fromkeys(name for effect in effects for name in resembled(session, model, found, effect)))

@@ -76,6 +76,19 @@ def reported_laws(found: Found, taken: Iterable[str] = ()) -> list[ReportedLaw]:
     return sorted(made, key=lambda one: -(one.claim.share or 0.0))
 
 
+def effects_of(found: Found) -> dict[int, Array]:
+    """(C, n) what each law of a search does to the readings, by the number of its term, the largest share first: as
+    `reported_laws` has them where no formula is told."""
+    white, terms = found.whitened(), list(found.terms)
+    mean, _ = white.posterior(terms)
+    shares = _shares(white, terms)
+    numbers = [k for k, term in enumerate(terms) if not term.group.effect]
+    return {
+        k: np.tensordot(mean[slice_of(found, terms, k)], raw_columns(found.problem, [terms[k]]), 1)
+        for k in sorted(numbers, key=lambda k: -shares[k])
+    }
+
+
 def slice_of(found: Found, terms: list[LawTerm], k: int) -> slice:
     """Where a term's coefficients stand among those of all that is free and of the terms."""
     start = len(found.problem.free) + sum(t.group.size for t in terms[:k])

@@ -327,6 +327,12 @@ class LawCellsPolicy:
     most: int = 1500
     """Cells of a session, about, and rows below which each is its own. Source: chosen; the cost of a search stays at
     that of 264 poses times four."""
+    limit: int = 4500
+    """Cells of a session, at most, while wider ones make them fewer. Source: of 80 rotations of the deck of 28cdabc7
+    three had more, one of them 12,585; a search of 10,610 had not ended after 15 minutes."""
+    wider: tuple[int, ...] = (2, 4, 8)
+    """Times as much as usual that a rate may change within a cell. Source: as `limit`; eight times are two fifths of
+    the largest rate."""
     a_wave: float = 6.0
     """Sectors of a turn for each wave of a line that was found in it. Source: a mean over a sixth of a wave keeps 0.95
     of its size."""
