@@ -374,12 +374,12 @@ def _alone(
         if alike:
             offered += alike
             search = search.beside_names([g for name in alike for g in name_groups(session, model, name)])
-            found = search.run()
+            found = search.resumed(found)
         beyond = beyond_first_order(session, model, found, residual)
         if float(np.sum((beyond / session.floor / found.noise.factor[:, None]) ** 2)) < LAW_VERDICT.second_order:
             break
         search = search.of_residual(residual - beyond)
-        found = search.run()
+        found = search.resumed(found)
     if not found.terms:
         return _Outcome((), (), found)
     found = proved(with_names_instead(session, model, found, offered, refused))

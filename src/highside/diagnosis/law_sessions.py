@@ -7,7 +7,7 @@ its time, and averaging loses no strength. A few thousand values stand for any n
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Protocol
 
@@ -40,6 +40,10 @@ Ints = NDArray[np.intp]
 Effects = Mapping[str, Mapping[str, float]]
 """values of the parameters of effects, by effect"""
 OF_MAGNITUDES = ("offset", "scale", "scale_all", "matrix")
+
+
+LibraryColumns = list[tuple[ForwardModel, list[tuple[str, Array]]]]
+"""a model, and what effects of the library do beside it, by id: made when first asked for"""
 
 
 @dataclass(frozen=True)
@@ -77,6 +81,7 @@ class ChainSession:
     """how much later than the time zero of the claims its first value is"""
     orders: tuple[float, ...] = ()
     """of the turn, at which the readings have a line"""
+    looked_at: LibraryColumns = field(default_factory=list, compare=False, repr=False)
 
     @classmethod
     def of_poses(cls, session: PoseSession, free: Sequence[str]) -> ChainSession:
@@ -213,6 +218,7 @@ class MagnitudeLaws:
     floor: Array
     """(1, n)"""
     channels: tuple[str, ...] = ("g_total",)
+    looked_at: LibraryColumns = field(default_factory=list, compare=False, repr=False)
 
     @property
     def delay_s(self) -> float:
@@ -301,6 +307,8 @@ class LawSession(Protocol):
 
     @property
     def channels(self) -> tuple[str, ...]: ...
+    @property
+    def looked_at(self) -> LibraryColumns: ...
     @property
     def delay_s(self) -> float: ...
     @property

@@ -68,23 +68,36 @@ def resembled(session: LawSession, model: ForwardModel, found: Found, effect: Ar
     target = white(effect[None])[0]
     target = target - free.T @ (free @ target)
     size = float(target @ target)
-    known = {*model.ids, *session.free}
     scores: dict[str, float] = {}
-    wanted: list[tuple[Effect, Array]] = []
-    for one in library.all_effects().values():
-        if not one.random and one.id not in known:
-            wanted += [(one, p) for p in _shapes(session, one)]
-    made = session.derivatives(model, wanted)
-    for (one, _), derivative in zip(wanted, made, strict=True):
-        columns = white(np.asarray(derivative, dtype=float)[list(one.amplitudes)])
-        if not np.isfinite(columns).all():
-            continue
+    for name, made in _all_columns(session, model):
+        columns = white(made)
         columns = columns - (columns @ free.T) @ free
         basis = orthonormal(columns)
         share = float(np.sum((basis @ target) ** 2)) / max(size, 1e-300)
-        scores[one.id] = max(scores.get(one.id, 0.0), share)
+        scores[name] = max(scores.get(name, 0.0), share)
     near = sorted((name for name in scores if scores[name] > LAW_VERDICT.resembles), key=lambda n: -scores[n])
     return tuple(near[: LAW_VERDICT.names])
+
+
+def _all_columns(session: LawSession, model: ForwardModel) -> list[tuple[str, Array]]:
+    """Id and columns (k, C, n) of each effect of the library that the model lacks, at each of its shapes: of the last
+    model they are kept, for every law is held beside them."""
+    for one, made in session.looked_at:
+        if one is model:
+            return made
+    known = {*model.ids, *session.free}
+    wanted: list[tuple[Effect, Array]] = []
+    for effect in library.all_effects().values():
+        if not effect.random and effect.id not in known:
+            wanted += [(effect, p) for p in _shapes(session, effect)]
+    derivatives = session.derivatives(model, wanted)
+    pairs = (
+        (effect.id, np.asarray(one, dtype=float)[list(effect.amplitudes)])
+        for (effect, _), one in zip(wanted, derivatives, strict=True)
+    )
+    found = [(name, columns) for name, columns in pairs if np.isfinite(columns).all()]
+    session.looked_at[:] = [(model, found)]
+    return found
 
 
 def _shapes(session: LawSession, effect: Effect) -> list[Array]:

@@ -175,6 +175,14 @@ LAW_NOISE = LawNoisePolicy()
 class LawSearchPolicy:
     """What a law must show."""
 
+    curves_at_the_floor: int = 2
+    """Curves, at most, after which a search that has come down to the floor ends. Source: a proof by removal compares
+    two with each and with none; of three there are sets that it does not."""
+    at_the_floor: float = 3.0
+    """Standard deviations by which the noise of values that are independent may exceed the floor by chance. Source:
+    0.1 % of a normal law."""
+    quiet: float = 0.1
+    """Share of the floor by which it may at most, however few the values. Source: a definition: a tenth."""
     gain: float = 12.0
     """Nats that a law must be worth with the noise learnt again. Source: 0 of 65 sessions without a law had one, in
     the trial that set the method."""

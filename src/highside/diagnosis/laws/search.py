@@ -58,8 +58,13 @@ class Search(Steps):
             return self._found(first)
         # beside the floor first: what is whitened under it is there
         other = self._grown(State([], floor, -np.inf, self.problem.residual), relearn=False)
-        one = self._proved(self._grown(first, relearn=True))
         two = self._learn(other.terms, self.problem.residual)
+        if self._at_the_floor(two, first):
+            proved = self._proved(two)
+            if which(proved.terms) == which(two.terms):
+                # nothing is left that another start could find
+                return self._found(self._without_time(proved))
+        one = self._proved(self._grown(first, relearn=True))
         # noise that explains more than all of its laws needs no further look
         if two.worth >= one.worth and which(two.terms) != which(one.terms):
             two = self._proved(self._grown(self._proved(two), relearn=True))
@@ -70,6 +75,33 @@ class Search(Steps):
         if not self._variants:
             return self._found(one)
         return self._found(self._without_time(self._from_onsets(one) if self.problem.every_pair else one))
+
+    def resumed(self, found: Found) -> Found:
+        """What was found goes on where groups have joined since, or what is taken out beyond first order has changed:
+        or what begins anew beside its noise does, if it is worth more."""
+        if not found.terms:
+            return self.run()
+        one = self._settled(self._learn(list(found.terms), self.problem.residual))
+        one = self._proved(self._grown(self._proved(one), relearn=True))
+        start = self._grown(replace(one, terms=[], evidence=-np.inf), relearn=False)
+        if which(start.terms) != which(one.terms):
+            two = self._settled(self._learn(start.terms, self.problem.residual))
+            if two.worth > one.worth - LAW_SEARCH.gain:
+                one = max((one, self._proved(self._grown(self._proved(two), relearn=True))), key=lambda s: s.worth)
+        return self._found(self._without_time(one))
+
+    def _at_the_floor(self, state: State, nothing: State) -> bool:
+        """Whether one curve or two leave the floor alone, and are worth what laws must be beside noise alone. Curves in
+        the place of a product, or of what sets in midway, leave more."""
+        terms, learnt = state.terms, state.noise.times_the_floor(self.problem)
+        if not 1 <= len(terms) <= LAW_SEARCH.curves_at_the_floor or state.noise.remembers:
+            return False
+        plain = all(len(t.group.axes) == 1 for t in terms) and (
+            len(terms) == 1 or not any("time" in t.group.depends_on for t in terms)
+        )
+        chance = LAW_SEARCH.at_the_floor / np.sqrt(2.0 * self.problem.n)
+        quiet = float(learnt.max()) <= 1.0 + min(chance, LAW_SEARCH.quiet)
+        return bool(plain and quiet and state.evidence - nothing.evidence >= LAW_SEARCH.gain * len(terms))
 
     def _from_between(self, best: State) -> State:
         """What was found, or what begins beside white noise between the floor and what was learnt, and does better."""
