@@ -47,3 +47,26 @@ def test_the_floor_of_a_cell_is_the_scatter_of_its_rows_whatever_a_slow_misfit_d
 def test_the_lattice_of_the_readings_is_known(step: float) -> None:
     laws = ChainSession.of_rotation(session(step), ("bias",), np.zeros((3, 20_000)) + 1e-3)
     np.testing.assert_allclose(laws.lattice, step, rtol=1e-6)
+
+
+def test_a_cell_is_where_its_rows_are_on_the_average() -> None:
+    """The row in its middle stood for it: a law of a thousand sigmas then left twenty of them, and laws of those."""
+    rows = session()
+    cells = cells_of(rows)
+    state = cells.state(rows.state)
+    away = np.angle(np.exp(1j * (rows.state.tf_rad - state.tf_rad[cells.number])))
+    np.testing.assert_allclose(cells.mean(away), 0.0, atol=1e-9)
+    np.testing.assert_allclose(state.rotor_rate_radps, cells.mean(rows.state.rotor_rate_radps))
+    np.testing.assert_array_equal(state.t_s, rows.state.t_s[cells.middle])
+
+
+def test_rates_that_never_rest_make_no_more_cells_than_a_search_can_pass() -> None:
+    rng, n, hz = np.random.default_rng(3), 14_000, 20.0
+    t = np.arange(n) / hz
+    rate = 300.0 * (1 + 0.9 * np.sin(2 * np.pi * 0.7 * t + rng.uniform(0, 6)))
+    tf = np.cumsum(rate) / hz
+    columns = {"t_s": t, "inc_ref_deg": np.full(n, 60.0), "tf_ref_deg": tf % 360, "rotor_rate_dps": rate}
+    read = np.stack([np.sin(np.radians(tf)), np.cos(np.radians(tf)), np.full(n, 0.5)]) + 1e-3 * rng.normal(size=(3, n))
+    cells = cells_of(rotation_session(columns, read, gravity_mps2=9.81))
+    assert cells.count.sum() == n
+    assert cells.count.size <= LAW_CELLS.limit

@@ -7,9 +7,9 @@ its time, and averaging loses no strength. A few thousand values stand for any n
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,7 @@ from highside.diagnosis.laws.noise import step_of
 from highside.diagnosis.laws.policy import LAW_CELLS, LAW_FLOOR
 from highside.diagnosis.laws.problem import CovariateValues, LawProblem, PlaceField, fields_that_act
 from highside.diagnosis.poses.session import PoseSession
+from highside.physics.covariates import covariate
 from highside.physics.effect import Effect
 from highside.physics.forward import ForwardModel
 from highside.physics.law import Law, LawEffect
@@ -42,6 +43,18 @@ Effects = Mapping[str, Mapping[str, float]]
 OF_MAGNITUDES = ("offset", "scale", "scale_all", "matrix")
 
 
+AVERAGED = (
+    "inc_rad",
+    "temp_c",
+    "rotor_rate_radps",
+    "rotor_accel_radps2",
+    "inc_rate_radps",
+    "vibration_rms_g",
+    "vibration_x_rms_g",
+    "vibration_y_rms_g",
+    "vibration_z_rms_g",
+)
+"""of a state, what is averaged over a cell as it is"""
 LibraryColumns = list[tuple[ForwardModel, list[tuple[str, Array]]]]
 """a model, and what effects of the library do beside it, by id: made when first asked for"""
 
@@ -62,6 +75,18 @@ class CellMeans:
         flat = values.reshape(-1, values.shape[-1])
         sums = [np.bincount(self.number[used], weights=row[used], minlength=self.count.size) for row in flat]
         return np.asarray((np.stack(sums) / self.count).reshape(*values.shape[:-1], self.count.size))
+
+    def state(self, state: ChainState) -> ChainState:
+        """The states of the cells: what varies within one is its mean, as its reading is; of the rest the middle row's.
+
+        A function of the middle row alone departs from the mean reading to first order, which strong laws show.
+        """
+        made = state.rows(self.middle)
+        away = state.tf_rad - made.tf_rad[np.maximum(self.number, 0)]
+        away = (away + np.pi) % (2 * np.pi) - np.pi
+        averaged: dict[str, Any] = {name: self.mean(np.asarray(getattr(state, name), dtype=float)) for name in AVERAGED}
+        extra = {name: self.mean(np.asarray(values, dtype=float)) for name, values in state.extra.items()}
+        return replace(made, tf_rad=made.tf_rad + self.mean(np.asarray(away)), extra=extra, **averaged)
 
 
 @dataclass(frozen=True)
@@ -132,7 +157,7 @@ class ChainSession:
     @cached_property
     def reduced_state(self) -> ChainState:
         """The states at which laws are looked for."""
-        return self.state if self.cells is None else self.state.rows(self.cells.middle)
+        return self.state if self.cells is None else self.cells.state(self.state)
 
     @cached_property
     def observed(self) -> Observed:
@@ -181,7 +206,7 @@ class ChainSession:
             jitter=jitter,
             orders=self.orders,
             every_pair=self.cells is None,
-            among=None if self.cells is None else AllRows(self.state, self.cells.middle),
+            among=None if self.cells is None else AllRows(self.state, self.cells.mean),
         )
 
     def derivatives(self, model: ForwardModel, wanted: Sequence[tuple[Effect, Array]]) -> list[Array]:
@@ -189,8 +214,14 @@ class ChainSession:
         gyros = len(self.channels) > len("xyz")
         if self.cells is None:
             return model.derivatives(self.state, wanted, gyros=gyros)
-        # what remembers does so from the first row on
-        return model.derivatives(self.state, wanted, gyros=gyros, rows=self.cells.middle)
+        # what remembers, or follows the clock, does so from the first row on
+        early = [_from_the_first_row(effect) for effect, _ in wanted]
+        own, others = (
+            [one for one, is_early in zip(wanted, early, strict=True) if is_early is k] for k in (True, False)
+        )
+        of_all = iter(model.derivatives(self.state, own, gyros=gyros, rows=self.cells.middle) if own else [])
+        of_cells = iter(model.derivatives(self.reduced_state, others, gyros=gyros) if others else [])
+        return [next(of_all if is_early else of_cells) for is_early in early]
 
     def effect_columns(self, model: ForwardModel, effect: str, values: dict[str, float]) -> tuple[Array, Array]:
         """(k, C, m) what one unit of each amplitude of an effect does, and the amplitudes' values (k,)."""
@@ -327,6 +358,13 @@ class LawSession(Protocol):
     def derivatives(self, model: ForwardModel, wanted: Sequence[tuple[Effect, Array]]) -> list[Array]: ...
     def effect_columns(self, model: ForwardModel, effect: str, values: dict[str, float]) -> tuple[Array, Array]: ...
     def shapes_of(self, effect: Effect) -> list[dict[str, float]]: ...
+
+
+def _from_the_first_row(effect: Effect) -> bool:
+    """Whether what it does at a row depends on those before it, or on the time since the first."""
+    if isinstance(effect, LawEffect):
+        return effect.remembers or any(covariate(name).clock for name in effect.law.depends_on)
+    return effect.remembers or "t_s" in effect.needs
 
 
 def linear(session: LawSession, model: ForwardModel, laws: Sequence[Law]) -> Array:

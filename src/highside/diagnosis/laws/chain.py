@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from highside.arrays import Array
 from highside.diagnosis.laws.problem import CovariateValues, LawProblem, PlaceField, fields_that_act
@@ -42,10 +41,10 @@ def place_fields(model: ForwardModel, state: ChainState, places: Sequence[str], 
 
 @dataclass(frozen=True)
 class AllRows:
-    """All rows of a session of which some stand for the rest: their numbers (n,) are `chosen`."""
+    """All rows (N,) of a session that fewer values stand for: `mean` takes (N,) to these."""
 
     state: ChainState
-    chosen: NDArray[np.intp]
+    mean: Callable[[Array], Array]
 
 
 def covariate_values(state: ChainState, load: Array, among: AllRows | None = None) -> CovariateValues:
@@ -60,7 +59,7 @@ def covariate_values(state: ChainState, load: Array, among: AllRows | None = Non
             found[name] = np.stack([known.of(state, load, axis) for axis in range(len(AXES))])
         elif among is not None and known.clock:
             # none of these reads the load
-            found[name] = np.asarray(known.of(among.state, load, 0), dtype=float)[among.chosen]
+            found[name] = among.mean(np.asarray(known.of(among.state, load, 0), dtype=float))
         else:
             found[name] = np.asarray(known.of(state, load, 0), dtype=float)
     for name in state.extra:
@@ -74,7 +73,7 @@ def covariate_values(state: ChainState, load: Array, among: AllRows | None = Non
     if among is None:
         return CovariateValues(found, state.t_s)
     temp = np.asarray(among.state.temp_c, dtype=float)
-    return CovariateValues(found, among.state.t_s, (temp, among.chosen))
+    return CovariateValues(found, among.state.t_s, (temp, among.mean))
 
 
 def chain_problem(

@@ -6,7 +6,7 @@ each place, the covariates, and a noise floor that does not come from the misfit
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -54,9 +54,9 @@ class CovariateValues(dict[str, Array]):
     time the temperature of any lag too, which is not listed. Raises KeyError for what is not known."""
 
     def __init__(
-        self, listed: Mapping[str, Array], t_s: Array, among: tuple[Array, NDArray[np.intp]] | None = None
+        self, listed: Mapping[str, Array], t_s: Array, among: tuple[Array, Callable[[Array], Array]] | None = None
     ) -> None:
-        """`among`: the temperature (N,) at all times `t_s` (N,), and which of these the values are at, (n,)."""
+        """`among`: the temperature (N,) at all times `t_s` (N,), and what makes of (N,) the values (n,)."""
         super().__init__(listed)
         self._t_s, self._among = t_s, among
         self._lagging: dict[str, Array] = {}
@@ -65,8 +65,8 @@ class CovariateValues(dict[str, Array]):
         if not (lag := lag_of(name)) or "temp" not in self:
             raise KeyError(name)
         if name not in self._lagging:
-            temp, chosen = self._among or (self["temp"], slice(None))
-            self._lagging[name] = np.asarray(low_pass(self._t_s, temp, float(lag)))[chosen]
+            temp, mean = self._among or (self["temp"], np.asarray)
+            self._lagging[name] = np.asarray(mean(np.asarray(low_pass(self._t_s, temp, float(lag)))))
         return self._lagging[name]
 
 
