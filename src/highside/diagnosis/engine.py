@@ -86,13 +86,16 @@ def diagnose_rotation(
 ) -> tuple[DiagnosisResult, ReportData]:
     """As `diagnose_poses`, for the n rows of a continuous rotation.
 
-    What is found in a short one must also stand where levels of the noise are followed in finer blocks.
+    What is found in a short one, laws beyond chance apart, must stand where noise is followed in finer blocks too.
     """
+    from highside.diagnosis.rows.colour import is_doubtful
     from highside.diagnosis.rows.policy import GRAMS
 
     answer = _diagnosed_rotation(session, model, free, seed=seed, version=version, method=method)
     short = not session.long and session.n <= GRAMS.block_rows * GRAMS.max_blocks
     if not short or not method.colour or answer[0].verdict not in ("unknown", "partial", "named", "named_plus", "law"):
+        return answer
+    if answer[0].verdict == "law" and not is_doubtful(answer[0]):
         return answer
     names = replace(method, laws=False)
     finer = _diagnosed_rotation(

@@ -47,7 +47,7 @@ def with_long_memory(diagnosis: DiagnosisResult, session: RotationSession) -> Di
         return hinted(
             diagnosis, f"{words}: what is as slow shows only where it is large; a longer recording shows more"
         )
-    if stretches >= COLOUR.few or not _doubtful(diagnosis):
+    if stretches >= COLOUR.few or not is_doubtful(diagnosis):
         return diagnosis
     claimed = tuple(claim.effect for claim in diagnosis.claims)
     like = f"what looks like {' and '.join(claimed)}" if claimed else "what is left"
@@ -60,7 +60,7 @@ def _beside_filter(diagnosis: DiagnosisResult, session: RotationSession, seconds
     """The same where what remembers is the filter of the rows: a small remainder may be an error of its colour."""
     roots = [float(np.abs(np.roots(one)).max(initial=0.0)) for one in diagnosis.noise.get("filters", ())]
     memory = session.step_s / max(1.0 - max(roots, default=0.0), 1e-9)
-    if diagnosis.claims or seconds > 2 * COLOUR.filtered * memory or not _doubtful(diagnosis):
+    if diagnosis.claims or seconds > 2 * COLOUR.filtered * memory or not is_doubtful(diagnosis):
         return diagnosis
     words = (
         f"the noise is correlated over some {memory:.2g} s, and {seconds:.0f} s were recorded: what is left cannot be "
@@ -69,7 +69,7 @@ def _beside_filter(diagnosis: DiagnosisResult, session: RotationSession, seconds
     return hinted(replace(diagnosis, verdict="not_testable", location=()), words)
 
 
-def _doubtful(diagnosis: DiagnosisResult) -> bool:
+def is_doubtful(diagnosis: DiagnosisResult) -> bool:
     """Whether all that was found is so little that noise of a colour that is hardly known may make it."""
     if diagnosis.claims:
         return all(
