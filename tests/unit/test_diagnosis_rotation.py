@@ -311,6 +311,17 @@ class TestVerdicts:
         assert found.verdict == verdict
         assert ("record ten times as long" in " ".join(found.remainder.hints)) == (verdict == "not_testable")
 
+    @pytest.mark.parametrize(("others", "verdict"), [(0.5, "not_testable"), (300.0, "nothing_left_out")])
+    def test_a_memory_of_one_axis_alone_may_be_something_left_out(self, others: float, verdict: str) -> None:
+        """A law of temperature and acceleration on one axis, of 1,100 units of strength, was "nothing"."""
+        noise = {
+            "memory_evidence": [others, others, 1020.0],
+            "memory_poses": [30.0, 30.0, 30.0],
+            "memory_lead": [0.0, 0.0, 0.0],
+        }
+        found = with_long_memory(DiagnosisResult("nothing_left_out", noise=noise), recording({}, turning(4.0)))
+        assert found.verdict == verdict
+
     def test_a_lever_arm_is_named_with_its_size(self) -> None:
         truth = {"r_x": 6e-5, "r_y": -4e-5}
         session = recording({"lever_arm": truth}, turning(), colour=0.5)

@@ -3,6 +3,7 @@ that is none."""
 
 from __future__ import annotations
 
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -44,6 +45,10 @@ def with_long_memory(diagnosis: DiagnosisResult, session: RotationSession) -> Di
         f"{stretches} independent stretches"
     )
     if diagnosis.verdict == "nothing_left_out":
+        evidence = dict(zip(session.channels, noise["memory_evidence"], strict=False))
+        if stretches < COLOUR.few and _of_some_alone(evidence, long):
+            words = f"{words}: what is left cannot be distinguished from such noise; record ten times as long"
+            return hinted(replace(diagnosis, verdict="not_testable"), words)
         return hinted(
             diagnosis, f"{words}: what is as slow shows only where it is large; a longer recording shows more"
         )
@@ -54,6 +59,12 @@ def with_long_memory(diagnosis: DiagnosisResult, session: RotationSession) -> Di
     remainder = replace(diagnosis.remainder, resembles=(*claimed, *diagnosis.remainder.resembles))
     doubted = replace(diagnosis, verdict="not_testable", claims=(), location=(), remainder=remainder)
     return hinted(doubted, f"{words}: {like} cannot be distinguished from such noise; record ten times as long")
+
+
+def _of_some_alone(evidence: Mapping[str, float], long: Collection[str]) -> bool:
+    """Whether some axes certainly remember and others of their kind do not: sensors of one triad have noise alike."""
+    kinds = {name[:1] for name in long if evidence[name] > COLOUR.alone}
+    return any(name[:1] in kinds and found <= MEMORY.found for name, found in evidence.items())
 
 
 def _beside_filter(diagnosis: DiagnosisResult, session: RotationSession, seconds: float) -> DiagnosisResult:

@@ -149,6 +149,10 @@ class ColourPolicy:
     few: int = 10
     """Independent stretches below which the colour is so little known that a finding must be beyond `chance`. Source:
     the false findings of the same command, seeds 0 to 4, had 2 to 6."""
+    alone: float = 250.0
+    """-2 log likelihood of a memory beyond which an axis that has it, where another has none, may have more than noise.
+    Source: of coloured noise in 48 s (`tests/unit/test_simulation_honesty.py`) one axis had 99 beside one with 0.3;
+    laws of one axis of strengths 1,100 and 8,500 (law/261 and law/037 of 66ff7ef1) had 1,020 and 737."""
     filtered: float = 100.0
     """Stretches, two memories of the rows' own filter apart, below which a remainder without a name must be beyond
     `chance` too. Source: AR(1) noise of 0.9 over 1,200 rows has 60, and 2 of the first 2 recordings of the same command
