@@ -85,7 +85,7 @@ def arm(rows: dict[str, Array], rng: np.random.Generator) -> None:
 
 def ring(rows: dict[str, Array], rng: np.random.Generator) -> None:
     """A brush of the slip ring bounces at one toolface of a turning tool, and the supply of y dips."""
-    apart = np.mod(rows["tf_ref_deg"] - 250.0 + 180.0, 360.0) - 180.0
+    apart = np.mod(rows["tf_ref_deg"], 360.0) - 180.0  # y bears no load there
     rows["ay_g"] = rows["ay_g"] - 4e-4 * np.exp(-0.5 * (apart / 20.0) ** 2)
 
 
