@@ -89,6 +89,7 @@ def hide() -> None:
 
 
 def refused(*_: object) -> None:
+    """What Windows' event loop answers to whoever would give it a signal handler."""
     raise NotImplementedError
 
 
