@@ -11,5 +11,6 @@
 noise, `shapes` and `laws` what is hidden; `deck` draws cases, `section_one` makes the failures again from their
 description, `by_hand` sessions of which |g| alone is known, `beside_simulation` pairs of a recording and a prediction,
 `real` puts laws into open recordings. `judging` says what of an answer is right, `rivals` what well-kept regressions
-reach on the same pairs of sessions. Nothing but the scoring imports highside.
+reach on the same pairs of sessions, `whitening` what the noise lets be known of a signal, for `limit`. Nothing but the
+scoring imports highside.
 """

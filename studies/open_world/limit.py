@@ -1,18 +1,21 @@
 """The best that theory allows on the cases of laws: what could be closed on the second session, and which law seen.
 
-    python -m studies.open_world.limit --seed HASH [--answers FILE] [--laws N] [--every K] [--out FOLDER]
+    python -m studies.open_world.limit --seed HASH [--design rotation] [--answers FILE] [--laws N] [--every K]
+                                       [--only NAMES] [--out FOLDER]
 
-Of stepped sessions of strength 400 and more. An estimator is given what no engine is told: the number of laws, the
-place, channels and covariates of each, the statistics of the noise, and either
+Of sessions of strength 400 and more, stepped ones or (--design rotation) rotations. An estimator is given what no
+engine is told: the number of laws, the place, channels and covariates of each, the statistics of the noise, and either
 
 - `form`: the kind of each function (a kink, a process of this smoothness), so that only its parameters are unknown; or
-- `smooth`: that each function is smooth, with the smoothness that explains the true one best.
+- `smooth`: that each function is smooth, with the smoothness that explains the true one best. Over an angle it closes
+  upon itself: a line at an order that is no integer, which in a rotation goes on from turn to turn, is not among these.
 
-Offset, scale and misalignment are free. With `form` the errors are those of the Bayesian Cramer-Rao bound (Van Trees
-1968): the covariance (J^T C^-1 J + P^-1)^-1 of the parameters, with J at the truth and P the spread from which the deck
-draws them; carried to the second session it gives the share that can be closed. With `smooth` it is the estimate of a
-Gaussian process itself, whose errors are both the noise and what it smooths away. A law's gain is the expected log
-evidence, in nats, that it adds to all others; no engine that demands 12 nats of a claim can tell one below that.
+Offset, scale and misalignment of each channel are free; `whitening` is what the noise does. With `form` the errors are
+those of the Bayesian Cramer-Rao bound (Van Trees 1968): the covariance (J^T C^-1 J + P^-1)^-1 of the parameters, with J
+at the truth and P the spread from which the deck draws them; carried to the second session it gives the share that can
+be closed. With `smooth` it is the estimate of a Gaussian process itself, whose errors are both the noise and what it
+smooths away. A law's gain is the expected log evidence, in nats, that it adds to all others; no engine that demands 12
+nats of a claim can tell one below that.
 
 With --answers (of `studies.open_world.score` on the same deck) each case also stands beside what an engine closed.
 """
@@ -29,7 +32,7 @@ from unittest import mock
 
 import numpy as np
 
-from . import deck, judging, laws, noises, score, table, world
+from . import deck, judging, laws, noises, score, table, whitening, world
 from .answers import Case
 from .laws import Law
 from .noises import Noise
@@ -45,8 +48,8 @@ LENGTHS = (0.12, 0.2, 0.3, 0.45, 0.7, 1.1, 1.8)
 """of a smooth function whose form is not known, of half the range of its covariate"""
 POINTS = {1: 41, 2: 13}
 """of a process along each covariate, at which its values are the parameters"""
-FISHER_OF_HEAVY = 2.0
-"""information of a Student t of 3 degrees of freedom, in units of that of a Gaussian of the same variance"""
+FOLD = 8_000
+"""whitened rows above which columns are brought to a triangle first: only their inner products count"""
 SPREAD = 1.0 / np.sqrt(12.0)
 """standard deviation of a uniform draw, of its range"""
 PARAMETERS = {
@@ -184,7 +187,7 @@ def form_basis(law: Law, first: Session, second: Session) -> Basis:
 
 
 def sensitivity(s: Session, sensor: world.Sensor, hidden: tuple[Law, ...], number: int) -> np.ndarray:
-    """Change of each row's readings (3, n) by the value of one law there, at the truth."""
+    """Change of each row's readings (C, n) by the value of one law there, at the truth."""
 
     class Moved(Law):
         step = 0.0
@@ -199,54 +202,6 @@ def sensitivity(s: Session, sensor: world.Sensor, hidden: tuple[Law, ...], numbe
         object.__setattr__(moved, "step", sign * step)
         sides.append(world.readings(s, sensor, (*hidden[:number], moved, *hidden[number + 1 :])))
     return (sides[0] - sides[1]) / (2 * step)
-
-
-class Whitened:
-    """Readings of a session brought to independent errors of unit size: means of poses, and rows about them."""
-
-    def __init__(self, s: Session, noise: Noise) -> None:
-        self.number = np.unique(s.pose, return_inverse=True)[1]
-        rows = np.bincount(self.number)
-        self.averaged = (self.number == np.arange(rows.size)[:, None]) / rows[:, None]
-        heavy = FISHER_OF_HEAVY if noise.kind == "heavy" else 1.0
-        variance = [noises._white_variance(s, noise, c) / heavy for c in range(3)]
-        size = rows.size
-        covariance = np.zeros((3 * size, 3 * size))
-        for c in range(3):
-            block = np.diag(self.averaged @ variance[c] / rows)
-            if noise.kind == "quantised":
-                # what rounding leaves of a mean is the same for all rows where the noise is small beside the step
-                # (Widrow and Kollar 2008, chapter 4: the first term of the series)
-                common = noise.step**2 / (2 * np.pi**2) * np.exp(-((2 * np.pi * noise.sigma[c] / noise.step) ** 2))
-                block = block + common * np.diag(1.0 - 1.0 / rows)
-            if noise.kind in ("coloured", "one_over_f", "walk"):
-                block = block + noise.sigma[c] ** 2 * (self.averaged @ noises._slow(noise, s.t) @ self.averaged.T)
-            covariance[c * size : (c + 1) * size, c * size : (c + 1) * size] = block
-        if noise.kind == "jitter":
-            up = self.averaged @ world.loads(s).T
-            across = noise.jitter**2 * (np.eye(3)[None] - up[:, :, None] * up[:, None, :])
-            for a in range(3):
-                for b in range(3):
-                    k = np.arange(size)
-                    covariance[a * size + k, b * size + k] += across[:, a, b]
-        self.root = np.linalg.cholesky(covariance)
-        self.spread = np.sqrt(np.stack(variance))
-
-    def __call__(self, signal: np.ndarray) -> np.ndarray:
-        """Of a signal (3, n, p): (q, p)."""
-        means = np.einsum("kn,cnp->ckp", self.averaged, signal)
-        within = (signal - means[:, self.number]) / self.spread[:, :, None]
-        flat = np.linalg.solve(self.root, means.reshape(-1, means.shape[2]))
-        return np.concatenate([flat, within.reshape(-1, within.shape[2])])
-
-
-def plain_columns(s: Session) -> np.ndarray:
-    """Offset, scale and misalignment (3, n, 12)."""
-    drive = np.concatenate([np.ones((1, s.n)), world.loads(s)])
-    found = np.zeros((3, s.n, 12))
-    for c in range(3):
-        found[c, :, 4 * c : 4 * c + 4] = drive.T
-    return found
 
 
 @dataclass(frozen=True)
@@ -272,39 +227,81 @@ def gain(mine: np.ndarray, truth: np.ndarray, others: list[np.ndarray]) -> float
     return float(0.5 * (fit - np.linalg.slogdet(full)[1] + np.linalg.slogdet(null)[1]))
 
 
-def limits(parts: Parts) -> Row:
-    """Of one case: what each way can close on the second session, and the gain of each law."""
-    hidden = parts.case.laws
-    alone = tuple(replace(law, onset_s=None) for law in hidden)
-    first, second = parts.first, parts.second
-    white = Whitened(first, parts.noise)
-    base, _ = np.linalg.qr(white(plain_columns(first)))
-    rows = np.isfinite(parts.case.kept_from).all(axis=0) if parts.case.kept_from is not None else np.zeros(0, bool)
-    there = second.rows(rows)
-    weight = 1.0 / np.array(parts.case.sigma)[:, None]
+class Pair:
+    """Both sessions of a case, as its laws are seen in them."""
 
-    def seen(law: Law, k: int, basis: Basis) -> Seen:
+    def __init__(self, parts: Parts) -> None:
+        self.sensor, self.laws, self.first = parts.sensor, parts.case.laws, parts.first
+        self.white = whitening.whitened(parts.first, parts.noise)
+        self.base = whitening.span(self.white(whitening.plain_columns(parts.first)))
+        known = parts.case.kept_from
+        rows = np.isfinite(known).all(axis=0) if known is not None else np.zeros(0, bool)
+        self.there = parts.second.rows(rows)
+        # a temperature that lags belongs to the whole session, also where not all of its rows count; poses have theirs
+        # of those rows alone, as their recorded figures do
+        whole = parts.first.kind == "rotation"
+        self.second = parts.second if whole else self.there
+        self.rows: np.ndarray | slice = rows if whole else slice(None)
+        self.weight = 1.0 / np.array(parts.case.sigma)[:, None]
+        self.alone = tuple(replace(law, onset_s=None) for law in self.laws)
+        true = world.contribution(self.second, self.sensor, self.alone)[:, self.rows]
+        self.true = (self.weight * world.off_base(self.there, true)).ravel()
+        """what all laws add to the second session, in units of the noise of a row, off the base fit"""
+
+    def seen(self, k: int, basis: Basis) -> Seen:
+        """What is seen of law k as a sum of functions."""
         a, b, spread = basis
+        first, law = self.first, self.laws[k]
         act = 1.0 if law.onset_s is None else (first.t - first.t[0] >= law.onset_s)[:, None]
-        mine = white(sensitivity(first, parts.sensor, hidden, k)[:, :, None] * (act * a * spread)[None])
-        here = world.contribution(first, parts.sensor, (law,))
-        other = sensitivity(there, parts.sensor, alone, k)[:, :, None] * (b * spread)[None]
-        flat = np.stack([weight * world.off_base(there, other[:, :, j]) for j in range(other.shape[2])], axis=-1)
-        truth = white(here[:, :, None])
+        mine = self.white(sensitivity(first, self.sensor, self.laws, k)[:, :, None] * (act * a * spread)[None])
+        here = world.contribution(first, self.sensor, (law,))
+        other = sensitivity(self.second, self.sensor, self.alone, k)[:, self.rows, None]
+        other = other * (b[self.rows] * spread)[None]
+        flat = np.stack(
+            [self.weight * world.off_base(self.there, other[:, :, j]) for j in range(other.shape[2])], axis=-1
+        )
+        truth = self.white(here[:, :, None])
         off = np.concatenate([mine, truth], axis=1)
-        off = off - base @ (base.T @ off)
+        off = off - self.base @ (self.base.T @ off)
         return Seen(off[:, :-1], flat.reshape(-1, flat.shape[2]), off[:, -1])
 
-    true = (weight * world.off_base(there, world.contribution(there, parts.sensor, alone))).ravel()
-    forms = [seen(law, k, form_basis(law, first, there)) for k, law in enumerate(hidden)]
-    smooth = []
-    for k, law in enumerate(hidden):
-        tried = [seen(law, k, basis) for basis in smooth_bases(law, first, there)]
-        gains = [gain(each.first, each.truth, []) for each in tried]
-        smooth.append(tried[int(np.argmax(gains))])
-    row: Row = {"name": parts.case.name, "laws": len(hidden), "noise": parts.noise.kind}
+    def form(self, k: int) -> Seen:
+        """Law k with the kind of its function known."""
+        return self.seen(k, form_basis(self.laws[k], self.first, self.second))
+
+    def smooth(self, k: int) -> Seen:
+        """Law k as a smooth function, of the length that explains it best."""
+        best: tuple[float, Seen] | None = None
+        for basis in smooth_bases(self.laws[k], self.first, self.second):
+            tried = self.seen(k, basis)
+            (few,) = folded([tried])
+            worth = gain(few.first, few.truth, [])
+            if best is None or worth > best[0]:
+                best = worth, tried
+        assert best is not None
+        return best[1]
+
+
+def folded(all_of: list[Seen]) -> list[Seen]:
+    """The same with as few rows of the first session as their inner products need, where there are many."""
+    if len(all_of[0].truth) <= FOLD:
+        return all_of
+    factor = whitening.triangle([*[each.first for each in all_of], *[each.truth[:, None] for each in all_of]])
+    ends = np.cumsum([each.first.shape[1] for each in all_of])
+    return [
+        Seen(factor[:, end - each.first.shape[1] : end], each.second, factor[:, ends[-1] + k])
+        for k, (each, end) in enumerate(zip(all_of, ends, strict=True))
+    ]
+
+
+def limits(parts: Parts) -> Row:
+    """Of one case: what each way can close on the second session, and the gain of each law."""
+    pair = Pair(parts)
+    numbers = range(len(pair.laws))
+    row: Row = {"name": parts.case.name, "laws": len(numbers), "noise": parts.noise.kind}
     rng = np.random.default_rng(0)
-    for way, all_of in (("form", forms), ("smooth", smooth)):
+    for way, made_of in (("form", pair.form), ("smooth", pair.smooth)):
+        all_of = folded([made_of(k) for k in numbers])
         a = np.concatenate([each.first for each in all_of], axis=1)
         b = np.concatenate([each.second for each in all_of], axis=1)
         covariance = np.linalg.inv(a.T @ a + np.eye(a.shape[1]))
@@ -314,11 +311,11 @@ def limits(parts: Parts) -> Row:
             errors = draws @ np.linalg.cholesky(covariance).T @ b.T
         else:
             pull = covariance @ a.T
-            bias = b @ (pull @ np.sum([each.truth for each in all_of], axis=0)) - true
+            bias = b @ (pull @ np.sum([each.truth for each in all_of], axis=0)) - pair.true
             # noise of the readings through the estimate
             turn, size, _ = np.linalg.svd(pull, full_matrices=False)
             errors = bias + draws[:, : size.size] @ (turn * size).T @ b.T
-        closed = 1.0 - np.sum(errors**2, axis=1) / np.sum(true**2)
+        closed = 1.0 - np.sum(errors**2, axis=1) / np.sum(pair.true**2)
         row[way] = {
             "closed": float(np.median(closed)),
             "to_0.8": float(np.mean(closed >= 0.8)),
@@ -363,17 +360,21 @@ def main() -> None:
     parser.add_argument("--answers", type=Path, help="of score, on the same deck")
     parser.add_argument("--laws", type=int, default=deck.Size.laws)
     parser.add_argument("--every", type=int, default=1)
+    parser.add_argument("--design", choices=deck.KINDS, default="poses")
+    parser.add_argument("--only", default="", help="cases whose name begins so, or so: separated by commas")
     parser.add_argument("--out", type=Path, default=Path("open-world"))
     given = parser.parse_args()
     given.out.mkdir(parents=True, exist_ok=True)
-    path = given.out / f"limit-of-{given.seed[:12]}.jsonl"
+    what = "limit" if given.design == "poses" else f"limit-{given.design}"
+    path = given.out / f"{what}-of-{given.seed[:12]}.jsonl"
     rows = score.written(path)
     done = {row["name"] for row in rows}
     answers = {row["name"]: row for row in score.written(given.answers)} if given.answers else {}
     with path.open("a") as file:
         for k in range(0, given.laws, given.every):
             name = f"law/{k:03d}"
-            if deck.kind_of(name) != "poses" or name in done:
+            asked = deck.kind_of(name) == given.design and name.startswith(tuple(given.only.split(",")))
+            if not asked or name in done:
                 continue
             parts = made(given.seed, name, k)
             if parts.case.strength < judging.STRONG:
