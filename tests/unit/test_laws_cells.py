@@ -1,11 +1,16 @@
 """Cells stand for the rows of a rotation: every row once, one rate and one sector each, means as they are."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from highside.diagnosis.law_sessions import ChainSession, cells_of
 from highside.diagnosis.laws.policy import LAW_CELLS
+from highside.diagnosis.laws.problem import functions_of
 from highside.diagnosis.rows.session import RotationSession, rotation_session
+from highside.physics.forward import ForwardModel
+from highside.physics.law import Axis, Function
 
 
 def session(step: float = 0.0) -> RotationSession:
@@ -70,3 +75,27 @@ def test_rates_that_never_rest_make_no_more_cells_than_a_search_can_pass() -> No
     cells = cells_of(rotation_session(columns, read, gravity_mps2=9.81))
     assert cells.count.sum() == n
     assert cells.count.size <= LAW_CELLS.limit
+
+
+def test_what_sets_in_within_a_cell_acts_on_a_part_of_it() -> None:
+    """Its mean time is before the onset or after it: a step of twelve sigmas was placed twenty rows early."""
+    rows = session()
+    laws = ChainSession.of_rotation(rows, ("bias",), np.zeros((3, rows.n)) + 1e-3)
+    columns, _ = laws.effect_columns(ForwardModel.of({}), "bias_step", {"t0": 150.0})
+    acts = cells_of(rows).mean((rows.state.t_s >= 150.0).astype(float))
+    assert np.any((acts > 0.1) & (acts < 0.9))
+    np.testing.assert_allclose(np.abs(columns[0, 0]), acts, atol=1e-9)
+
+
+def test_a_function_over_cells_is_the_mean_of_what_it_is_at_their_rows() -> None:
+    """Of a temperature that moves by a tenth of its range within a cell the function of its mean is another one."""
+    rows = session()
+    state = replace(rows.state, temp_c=20.0 + 30.0 * np.sin(rows.state.t_s / 9.0))
+    laws = ChainSession.of_rotation(replace(rows, state=state), ("bias",), np.zeros((3, rows.n)) + 1e-3)
+    model = ForwardModel.of({})
+    problem = laws.problem(model, np.zeros_like(laws.floor))
+    axis = Axis("temp", -10.0, 50.0, tuple(Function("wide_cosine", (float(k),)) for k in (1, 9, 16)))
+    made = functions_of(problem.covariates, axis)
+    exact = cells_of(rows).mean(axis.basis(np.asarray(state.temp_c)))
+    np.testing.assert_allclose(made, exact, atol=1e-12)
+    assert np.abs(made - axis.basis(problem.covariates["temp"])).max() > 0.01

@@ -14,7 +14,8 @@ from highside.diagnosis.laws.evidence import Families, Whitened, best_priors
 from highside.diagnosis.laws.few_values_policy import FEW_VALUES
 from highside.diagnosis.laws.found import Found
 from highside.diagnosis.laws.groups import groups_of
-from highside.diagnosis.laws.noise import LadderNoise, LawNoise, Whitener, ladder_lengths
+from highside.diagnosis.laws.noise import LadderNoise, LawNoise, Whitener, ladder_lengths, level_lengths
+from highside.diagnosis.laws.noise_policy import LAW_NOISE
 from highside.diagnosis.laws.problem import LawProblem
 from highside.diagnosis.laws.search import Search
 from highside.physics.forward import ForwardModel
@@ -195,6 +196,17 @@ def test_no_other_prior_of_the_grid_does_better() -> None:
     whole = np.diag(1 / variances) + gram[0]
     want = 0.5 * (drive[0] @ np.linalg.solve(whole, drive[0]) - np.linalg.slogdet(whole)[1] - np.sum(np.log(variances)))
     assert gain[0] == pytest.approx(want, rel=1e-9)
+
+
+@pytest.mark.parametrize("n", [60, 4500])
+def test_the_longest_level_is_a_walk_to_sessions_of_any_length(n: int) -> None:
+    """Of a thousand steps it forgot within a fourth of 4,500 values, and the drift of a walk was worth 46 nats."""
+    t = np.arange(n) * 0.04
+    lengths = level_lengths(t)
+    assert lengths[-1] >= LAW_NOISE.spans_of_a_walk * np.ptp(t) * 0.999
+    assert ladder_lengths(t)[-1] >= LAW_NOISE.spans_of_a_ladder * np.ptp(t) * 0.999
+    if n == 60:
+        np.testing.assert_allclose(lengths, 0.04 * np.array(LAW_NOISE.lengths))
 
 
 def test_the_ladder_whitens_as_its_covariance_does() -> None:

@@ -291,6 +291,17 @@ def test_nulls_known_effects_and_other_words_for_a_law_are_judged() -> None:
     assert ("offset", frozenset({"load"})) in keys and ("offset", frozenset({"load_x"})) not in keys
 
 
+def test_an_angle_read_late_is_an_error_of_the_angle_by_the_rate() -> None:
+    late = {
+        "place": "timing", "covariates": ["temp"], "weights": [1.0, 0.0, 0.0], "element": [0, 1], "onset_s": None,
+        "shape": {"kind": "process"},
+    }  # fmt: skip
+    keys = judging.accepted(late, "rotation")
+    assert ("timing", frozenset({"temp"})) in keys
+    assert ("toolface", frozenset({"temp", "rate"})) in keys
+    assert ("toolface", frozenset({"temp"})) not in keys
+
+
 def test_a_sweep_that_forgets_what_it_knew_is_not_monotone() -> None:
     def at(strength: float, *, in_class: bool, nothing: bool = False) -> dict[str, object]:
         return {"name": f"sweep/1/{strength:.0f}", "group": "sweep", "truth": {"strength": strength},

@@ -8,7 +8,7 @@ name it resembles.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -20,8 +20,9 @@ from highside.diagnosis.core.problem import ReportData
 from highside.diagnosis.core.result import Claim, DiagnosisResult, Fit, Verdict
 from highside.diagnosis.identified_noise import with_identified_noise
 from highside.diagnosis.law_answers import beside_laws, location_of, told_implausible, told_unnamed
+from highside.diagnosis.law_outcomes import Outcome, above_rounding, beside_random_walk, without_leftovers
 from highside.diagnosis.law_sessions import LawSession
-from highside.diagnosis.laws.claims import ReportedLaw, cases_of_laws, effects_of, heldout_of, proved, reported_laws
+from highside.diagnosis.laws.claims import ReportedLaw, cases_of_laws, heldout_of, proved, reported_laws
 from highside.diagnosis.laws.effects import EffectGroup
 from highside.diagnosis.laws.found import Found
 from highside.diagnosis.laws.free_rivals import (
@@ -33,42 +34,17 @@ from highside.diagnosis.laws.free_rivals import (
     worth_of,
 )
 from highside.diagnosis.laws.groups import LawGroup, groups_of
-from highside.diagnosis.laws.policy import LAW_SEARCH, LAW_VERDICT
+from highside.diagnosis.laws.policy import LAW_VERDICT
 from highside.diagnosis.laws.problem import LawProblem
 from highside.diagnosis.laws.search import Search
 from highside.diagnosis.name_groups import name_groups, resembled
 from highside.diagnosis.names_instead import alike_of, implausible, names_of, with_names_instead
 from highside.physics import effects as library
-from highside.physics.covariates import lag_of
 from highside.physics.forward import ForwardModel
 from highside.physics.law import PREFIX, Law
 
 UNTOUCHED = frozenset({"bad_data", "not_testable"})
 """verdicts of which nothing is to be reported"""
-
-OFFSETS = frozenset({"offset", "gyro_offset"})
-"""places in which a random walk of the zero offset acts"""
-SLOW = frozenset({"time", "temp", "temp_rate"})
-"""covariates that run as slowly as such a random walk"""
-
-
-@dataclass(frozen=True)
-class _Outcome:
-    """What was chosen: names that stay, laws, and the search that found them."""
-
-    names: tuple[Claim, ...]
-    laws: tuple[ReportedLaw, ...]
-    found: Found
-    renamed: bool = False
-    """a name stands where a law was found"""
-    doubted: frozenset[str] = frozenset()
-    """names that are to give way to laws, or have"""
-    is_noise: bool = False
-    """the name is worth nothing beside the noise that was learned here"""
-    behind: float = 0.0
-    """nats by which the worst of these is behind a law in its place"""
-    implausible: bool = False
-    """the names explain it, at sizes that no instrument has"""
 
 
 def with_laws(
@@ -82,16 +58,16 @@ def with_laws(
         return diagnosis, report
     chain = tuple(c for c in diagnosis.claims if not library.registry()[c.effect].random)
     known = {c.effect for c in chain}
-    changing = diagnosis.remainder.changing
-    near = [name for name in diagnosis.remainder.resembles if name not in changing]
+    near = [name for name in diagnosis.remainder.resembles if name not in diagnosis.remainder.changing]
     if (refused := _refused_by_name(session, model, diagnosis, report.withheld)) is not None:
         return refused, report
-    outcome = _chosen(session, model, chain, near, frozenset(changing))
+    outcome = _chosen(session, model, chain, near, frozenset())
     if diagnosis.verdict == "wander" and not chain:
-        outcome = _beside_random_walk(outcome, model)
+        outcome = beside_random_walk(outcome, model)
     if outcome.names:
         large = tuple(one for one in outcome.laws if (one.claim.share or 0.0) >= LAW_VERDICT.least_share)
         outcome = replace(outcome, laws=large)
+    outcome = without_leftovers(outcome, model, known)
     if outcome.implausible and outcome.names:
         return told_implausible(diagnosis, outcome.names), report
     if (unnamed := _unnamed(diagnosis, report, outcome, frozenset(known))) is not None:
@@ -102,8 +78,8 @@ def with_laws(
         diagnosis = replace(diagnosis, claims=tuple(told.get(c.effect, c) for c in diagnosis.claims))
         return with_identified_noise(diagnosis, outcome.found), report
     if outcome.laws:
-        outcome = _above_rounding(session, model, outcome)
-        if not outcome.laws:
+        outcome = above_rounding(outcome, model, session.rounding(_final(session, model, outcome)))
+        if not (outcome.laws or outcome.names):
             return told_unnamed(diagnosis, report, outcome.doubted) if outcome.doubted else (diagnosis, report)
     others = tuple(c for c in diagnosis.claims if c not in chain)
     laws = tuple(_resembling(session, model, outcome, one) for one in outcome.laws)
@@ -134,7 +110,7 @@ def with_laws(
 
 
 def _unnamed(
-    diagnosis: DiagnosisResult, report: ReportData, outcome: _Outcome, known: frozenset[str]
+    diagnosis: DiagnosisResult, report: ReportData, outcome: Outcome, known: frozenset[str]
 ) -> tuple[DiagnosisResult, ReportData] | None:
     """The answer where none of the `known` names stays and no law stands in their place; else None."""
     if outcome.laws or outcome.names:
@@ -153,7 +129,7 @@ def _unnamed(
     return told_unnamed(diagnosis, report, worthless, left=left) if worthless else None
 
 
-def _resembling(session: LawSession, model: ForwardModel, outcome: _Outcome, law: ReportedLaw) -> Claim:
+def _resembling(session: LawSession, model: ForwardModel, outcome: Outcome, law: ReportedLaw) -> Claim:
     """The claim of a law with the names that it resembles, those that have given way first."""
     names = resembled(session, model, outcome.found, law.effect)
     return replace(law.claim, resembles=tuple(dict.fromkeys((*sorted(outcome.doubted), *names))))
@@ -176,50 +152,6 @@ def _explained(diagnosis: DiagnosisResult, report: ReportData) -> bool:
     return bool(diagnosis.claims) and left < LAW_VERDICT.least_share * given
 
 
-def _beside_random_walk(outcome: _Outcome, model: ForwardModel) -> _Outcome:
-    """What is believed where a random walk of the zero offset was found: of what may be that walk, what gains enough
-    beside it by itself or together; and of all else what is worth its claim without what is not believed."""
-    if outcome.implausible:
-        return outcome
-    found = outcome.found
-    for _ in range(len(found.terms)):
-        slow = {k for k, term in enumerate(found.terms) if _as_slow(found, k, term.group.effect)}
-        doubted = {k for k in slow if found.gains[k] < LAW_VERDICT.beside_random_walk}
-        # several that leave nothing of the walk stand in its place together
-        together = doubted if found.noise.remembers else slow
-        if doubted and found.gain_of(together) < LAW_VERDICT.beside_random_walk:
-            kept = [k for k in range(len(found.terms)) if k not in doubted]
-        else:
-            kept = [k for k, gain in enumerate(found.gains) if gain >= LAW_SEARCH.gain]
-        if len(kept) == len(found.terms):
-            break
-        found = found.only(kept)
-    if found is outcome.found:
-        return outcome
-    names, _ = with_free_rivals(names_of(found, model), found)
-    return replace(outcome, names=names, laws=tuple(reported_laws(found, model.ids)), found=found, renamed=False)
-
-
-def _above_rounding(session: LawSession, model: ForwardModel, outcome: _Outcome) -> _Outcome:
-    """Without the laws that stay below half a step of rounding: that is a function of the reading too."""
-    small = {
-        k for k, one in effects_of(outcome.found).items() if not np.any(np.abs(one) > session.lattice[:, None] / 2)
-    }
-    if not small:
-        return outcome
-    found = outcome.found.only([k for k in range(len(outcome.found.terms)) if k not in small])
-    return replace(outcome, laws=tuple(reported_laws(found, model.ids)), found=found)
-
-
-def _as_slow(found: Found, k: int, effect: str) -> bool:
-    """Whether a term may be a random walk of a zero offset."""
-    if effect:
-        return library.get(effect).slow
-    # at one inclination an element of the load matrix is an offset: what may be one is judged as one
-    shifts = any(group.place in OFFSETS for group in found.classes[k])
-    return shifts and all(name in SLOW or lag_of(name) for name in found.terms[k].group.depends_on)
-
-
 def _refused_by_name(
     session: LawSession, model: ForwardModel, diagnosis: DiagnosisResult, withheld: Sequence[Claim]
 ) -> DiagnosisResult | None:
@@ -240,7 +172,7 @@ def _refused_by_name(
 
 def _chosen(
     session: LawSession, model: ForwardModel, claims: Sequence[Claim], near: Sequence[str], refused: frozenset[str]
-) -> _Outcome:
+) -> Outcome:
     """The names that stay, with the laws that fit as well, and the laws beside them; none of those `refused`."""
     if not claims:
         return _alone(session, model, near, refused)
@@ -295,13 +227,13 @@ def _chosen(
     told, ahead = with_free_rivals(names, left)
     laws, renamed = tuple(reported_laws(left, model.ids)), found is not chosen
     behind = -min(ahead.values(), default=np.inf)
-    outcome = _Outcome(told, laws, left, renamed, doubted_of(left, ahead), behind=behind)
+    outcome = Outcome(told, laws, left, renamed, doubted_of(left, ahead), behind=behind)
     return _given_way(session, bare, claims, refused, outcome)
 
 
 def _single(
     problem: LawProblem, claims: Sequence[Claim], beside: Found, groups: list[LawGroup], own: Sequence[EffectGroup]
-) -> tuple[_Outcome | None, bool]:
+) -> tuple[Outcome | None, bool]:
     """One name, `beside` which no law gains, with its class; and whether it is clear of every law in its place."""
     if beside.terms or len(claims) != 1 or beside.next_gain >= LAW_VERDICT.beside:
         return None, False
@@ -309,7 +241,7 @@ def _single(
     told, ahead = with_free_rivals(claims, found)
     is_noise = problem.every_pair and worth_of(found) < LAW_VERDICT.worth
     behind = -min(ahead.values())
-    single = _Outcome(told, (), beside, doubted=doubted_of(found, ahead), is_noise=is_noise, behind=behind)
+    single = Outcome(told, (), beside, doubted=doubted_of(found, ahead), is_noise=is_noise, behind=behind)
     if not is_clear(found, ahead) or is_noise:
         return single, False
     return replace(single, doubted=frozenset()), True
@@ -325,8 +257,8 @@ def _worth(found: Found, names: set[str], quietest: float) -> float:
 
 
 def _given_way(
-    session: LawSession, model: ForwardModel, claims: Sequence[Claim], refused: frozenset[str], outcome: _Outcome
-) -> _Outcome:
+    session: LawSession, model: ForwardModel, claims: Sequence[Claim], refused: frozenset[str], outcome: Outcome
+) -> Outcome:
     """What is found without the names in whose place one law does better; where that is nothing, these with their
     classes, unless most of what is there is left or a law is far better, though worth no claim itself."""
     doubted = outcome.doubted
@@ -356,7 +288,7 @@ def _explains_less(found: Found, than: Found) -> bool:
 
 def _alone(
     session: LawSession, model: ForwardModel, near: Sequence[str], refused: frozenset[str] = frozenset()
-) -> _Outcome:
+) -> Outcome:
     """Laws, or names, where nothing has a name yet; strong ones again with what they do beyond first order taken out.
 
     Names that came `near` and were not believed are among the groups, and then those that the laws resemble: in noise
@@ -364,24 +296,25 @@ def _alone(
     """
     residual = session.residual(model)
     posed = session.problem(model, residual)
-    offered = [name for name in near if name not in refused]
+    offered = [name for name in dict.fromkeys([*near, "bias_step"]) if name not in refused]
     search = Search(posed, [*groups_of(posed), *(g for name in offered for g in name_groups(session, model, name))])
     found = search.run()
     for _ in range(LAW_VERDICT.turns):
         if not found.terms:
-            return _Outcome((), (), found)
+            return Outcome((), (), found)
         alike = [name for name in alike_of(session, model, found) if name not in offered and name not in refused]
         if alike:
             offered += alike
             search = search.beside_names([g for name in alike for g in name_groups(session, model, name)])
             found = search.resumed(found)
         beyond = beyond_first_order(session, model, found, residual)
-        if float(np.sum((beyond / session.floor / found.noise.factor[:, None]) ** 2)) < LAW_VERDICT.second_order:
+        if float(np.sum((beyond / session.floor / found.noise.factor[:, None]) ** 2)) >= LAW_VERDICT.second_order:
+            search = search.of_residual(residual - beyond)
+            found = search.resumed(found)
+        elif not alike:
             break
-        search = search.of_residual(residual - beyond)
-        found = search.resumed(found)
     if not found.terms:
-        return _Outcome((), (), found)
+        return Outcome((), (), found)
     found = proved(with_names_instead(session, model, found, offered, refused))
     names = names_of(found, model)
     outside = frozenset(claim.effect for claim in names if implausible(claim))
@@ -389,18 +322,18 @@ def _alone(
     unfit = {claim.effect for claim in names if not claim.stable} | cases_of_laws(found) | doubted_of(found, ahead)
     if outside and len(names) == len(found.terms) and not unfit:
         # names explain it all, at a size that no instrument has: that is said, and nothing else takes their place
-        return _Outcome(names, (), found, implausible=True)
+        return Outcome(names, (), found, implausible=True)
     if unfit | outside:
         # beside laws too a size that is no constant, or none that an instrument has, gets no name; nor do others for it
         kept = [claim.effect for claim in names if claim.effect not in unfit | outside]
         return _alone(session, model, kept, frozenset(library.all_effects()) - set(kept))
-    return _Outcome(told, tuple(reported_laws(found, model.ids)), found)
+    return Outcome(told, tuple(reported_laws(found, model.ids)), found)
 
 
 # --- what is reported --------------------------------------------------------------------------------------------
 
 
-def _final(session: LawSession, model: ForwardModel, outcome: _Outcome) -> ForwardModel:
+def _final(session: LawSession, model: ForwardModel, outcome: Outcome) -> ForwardModel:
     """Base, names and laws, the base fitted once more."""
     named = {c.effect: values_of_claim(session, model, c) for c in outcome.names}
     final = (model.with_effects(named) if named else model).with_laws([one.law for one in outcome.laws])
@@ -424,7 +357,7 @@ def _fit(session: LawSession, found: Found, report: ReportData, after: Array, be
     )
 
 
-def _explains_nothing(session: LawSession, outcome: _Outcome, before: Array, after: Array) -> bool:
+def _explains_nothing(session: LawSession, outcome: Outcome, before: Array, after: Array) -> bool:
     """Whether nearly all of a misfit larger than the noise is left on the channels that the laws act on."""
     sigma = np.sqrt(np.mean((outcome.found.noise.factor[:, None] * session.floor) ** 2, axis=1))
     acts = np.any([np.any(one.effect != 0, axis=1) for one in outcome.laws], axis=0)

@@ -6,7 +6,7 @@ import numpy as np
 
 from highside.arrays import Array
 from highside.diagnosis.core.result import Claim
-from highside.diagnosis.law_sessions import LawSession, linear
+from highside.diagnosis.law_sessions import LawSession
 from highside.diagnosis.laws.claims import reported_laws
 from highside.diagnosis.laws.found import Found
 from highside.diagnosis.names_instead import names_of
@@ -15,13 +15,14 @@ from highside.physics.forward import ForwardModel
 
 def beyond_first_order(session: LawSession, model: ForwardModel, found: Found, residual: Array) -> Array:
     """(C, m) what names and laws do beyond first order, at the sizes that a search gave them."""
-    laws = [one.law for one in reported_laws(found, model.ids)]
+    reported = reported_laws(found, model.ids)
     named = {claim.effect: values_of_claim(session, model, claim) for claim in names_of(found, model)}
-    first = linear(session, model, laws)
+    # as the search has them, at the states that stand for the rows
+    first = np.sum([one.effect for one in reported], axis=0) if reported else np.zeros_like(session.floor)
     for name, values in named.items():
         table, sizes = session.effect_columns(model, name, values)
         first = first + np.tensordot(sizes - sizes_in(session, model, name), table, 1)
-    changed = (model.with_effects(named) if named else model).with_laws(laws)
+    changed = (model.with_effects(named) if named else model).with_laws([one.law for one in reported])
     return np.asarray(residual - session.residual(changed) - first)
 
 

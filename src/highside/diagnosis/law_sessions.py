@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from highside.arrays import Array
 from highside.diagnosis.core.candidates import shapes_tried, step_times
 from highside.diagnosis.core.fit import base_fit
-from highside.diagnosis.core.floor import lattice_step
+from highside.diagnosis.core.floor import lattice_step, rounding_error
 from highside.diagnosis.core.observed import ObservationModel, Observed
 from highside.diagnosis.laws.chain import OF_POSES, OF_ROTATION, AllRows, chain_problem, covariate_values, unit_law
 from highside.diagnosis.laws.groups import HISTORY
@@ -28,7 +28,7 @@ from highside.diagnosis.poses.session import PoseSession
 from highside.physics.covariates import covariate
 from highside.physics.effect import Effect
 from highside.physics.forward import ForwardModel
-from highside.physics.law import Law, LawEffect
+from highside.physics.law import LawEffect
 from highside.physics.places import PLACES
 from highside.physics.state import ChainState
 
@@ -149,6 +149,13 @@ class ChainSession:
             return np.zeros(len(self.channels))
         return np.array([lattice_step(row) for row in self.readings])
 
+    def rounding(self, model: ForwardModel) -> Array:
+        """(C,) the error that rounding leaves in means beside a model; 0 where readings lie on no lattice."""
+        if not np.any(self.lattice):
+            return np.zeros(len(self.channels))
+        left, tf_rad = self.observed.residual(model), np.asarray(self.state.tf_rad, dtype=float)
+        return np.array([rounding_error(*one, tf_rad) for one in zip(self.readings, left, strict=True)])
+
     @property
     def step_s(self) -> float:
         """Median time from value to value."""
@@ -228,7 +235,11 @@ class ChainSession:
         known = model.effect(effect)
         shape = {p.name: values.get(p.name, p.default) for p in known.shapes}
         names = [known.parameters[k].name for k in known.amplitudes]
-        columns = self.reduced_observed.columns(model, known, shape)
+        if any(p.epoch for p in known.shapes):
+            # what sets in within a cell acts on a part of its rows, of which their mean time knows nothing
+            columns = self.reduced(self.observed.columns(model, known, shape))
+        else:
+            columns = self.reduced_observed.columns(model, known, shape)
         return columns, np.array([values.get(name, 0.0) for name in names])
 
     def shapes_of(self, effect: Effect) -> list[dict[str, float]]:
@@ -306,8 +317,7 @@ class MagnitudeLaws:
         covariates = CovariateValues({k: values for k, values in known.items() if k not in unknown}, aligned.state.t_s)
         return LawProblem(residual, free, fields, covariates, self.floor, t_s, None, self.channels)
 
-    @property
-    def lattice(self) -> Array:
+    def rounding(self, model: ForwardModel) -> Array:
         """(1,) 0: readings are means."""
         return np.zeros(1)
 
@@ -345,8 +355,6 @@ class LawSession(Protocol):
     @property
     def step_s(self) -> float: ...
     @property
-    def lattice(self) -> Array: ...
-    @property
     def free(self) -> tuple[str, ...]: ...
     @property
     def floor(self) -> Array: ...
@@ -354,6 +362,7 @@ class LawSession(Protocol):
     def observed(self) -> ObservationModel: ...
     def beside(self, model: ForwardModel, values: Effects) -> ForwardModel: ...
     def residual(self, model: ForwardModel) -> Array: ...
+    def rounding(self, model: ForwardModel) -> Array: ...
     def problem(self, model: ForwardModel, residual: Array, also: Sequence[str] = ()) -> LawProblem: ...
     def derivatives(self, model: ForwardModel, wanted: Sequence[tuple[Effect, Array]]) -> list[Array]: ...
     def effect_columns(self, model: ForwardModel, effect: str, values: dict[str, float]) -> tuple[Array, Array]: ...
@@ -365,14 +374,6 @@ def _from_the_first_row(effect: Effect) -> bool:
     if isinstance(effect, LawEffect):
         return effect.remembers or any(covariate(name).clock for name in effect.law.depends_on)
     return effect.remembers or "t_s" in effect.needs
-
-
-def linear(session: LawSession, model: ForwardModel, laws: Sequence[Law]) -> Array:
-    """(C, m) what laws do to first order at a model."""
-    if not laws:
-        return np.zeros_like(session.floor)
-    made = session.derivatives(model, [(LawEffect(law), np.zeros(1)) for law in laws])
-    return np.asarray(sum((one[0] for one in made), np.zeros_like(session.floor)))
 
 
 def _sectors(session: RotationSession, orders: Sequence[float]) -> int:

@@ -75,7 +75,11 @@ def resembled(session: LawSession, model: ForwardModel, found: Found, effect: Ar
         basis = orthonormal(columns)
         share = float(np.sum((basis @ target) ** 2)) / max(size, 1e-300)
         scores[name] = max(scores.get(name, 0.0), share)
-    near = sorted((name for name in scores if scores[name] > LAW_VERDICT.resembles), key=lambda n: -scores[n])
+    # an effect that has another as a case is never behind it: of those that do the same the one with fewer parameters
+    near = sorted(
+        (name for name in scores if scores[name] > LAW_VERDICT.resembles),
+        key=lambda n: (-round(scores[n], 2), len(library.get(n).parameters)),
+    )
     return tuple(near[: LAW_VERDICT.names])
 
 

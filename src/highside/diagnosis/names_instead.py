@@ -48,10 +48,12 @@ def names_of(found: Found, model: ForwardModel) -> tuple[Claim, ...]:
 
 
 def alike_of(session: LawSession, model: ForwardModel, found: Found) -> list[str]:
-    """Names that do nearly what one of the laws does, or what all of them do together."""
+    """Names that do nearly what one of the terms does, law or name, or what all of the laws do together."""
     effects = list(effects_of(found).values())
     if len(effects) > 1:
         effects.append(np.sum(effects, axis=0))
+    # a name may be a case of another: a hysteresis wider than the range is a coefficient
+    effects += [one for k, one in effects_of(found, names=True).items() if found.terms[k].group.effect]
     return list(dict.fromkeys(name for effect in effects for name in resembled(session, model, found, effect)))
 
 

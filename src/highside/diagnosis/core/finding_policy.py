@@ -34,6 +34,12 @@ class FloorPolicy:
     dither: float = 0.5
     """Standard deviation in steps of a converter above which averaging removes the lattice. Source: Widrow and Kollar,
     Quantization Noise, 2008: the bias of a mean of Gaussian dither of half a step is below 1 % of the step."""
+    sectors: int = 64
+    """Sectors of a turn within which a channel is carried over steps of its converter, or is not. Source: a smooth law
+    of the toolface has no more than a dozen orders, which are constant over a sixty-fourth of a turn."""
+    rounded: float = 0.05
+    """Share of a step below which the error that rounding leaves in a mean is small. Source: in two rotations, with
+    converters of 0.9 and 1 mg, it was 0.005 to 0.023 across the axis and 0.27 to 0.41 along it."""
     lattice_spread: float = 1.5
     """Factor within which differences of neighbouring levels are one step. Source: the next multiple is twice."""
     lattice_off: float = 0.02

@@ -71,6 +71,29 @@ def rounding_variance(step: float) -> float:
     return step**2 / 12
 
 
+def rounding_error(values: Array, left: Array, tf_rad: Array) -> float:
+    """The error that the lattice of a turning channel's readings (N,) leaves in their means over a smooth function, in
+    their unit; 0.0 where they lie on none.
+
+    `left` (N,) is what a fit leaves of each reading, `tf_rad` (N,) the toolface. Rounding shifts a mean by up to
+    (q / pi) |E exp(2 pi i x / q)|, with q the step and x the value before rounding, noise included (Widrow and Kollar
+    2008, chapter 4: the first term of the series; the whole sawtooth is half a step, pi / 2 times that). Readings are
+    multiples of the step, so that the fitted part of x enters by `left` alone: a turn that carries the channel over
+    many steps within a sector of the toolface removes the error, and so does noise of half a step.
+    """
+    step = lattice_step(values)
+    if step == 0.0:
+        return 0.0
+    sector = (FLOOR.sectors * (tf_rad / (2 * np.pi) % 1.0)).astype(np.intp) % FLOOR.sectors
+    count = np.maximum(np.bincount(sector, minlength=FLOOR.sectors), 1)
+    phase = 2 * np.pi * left / step
+    turned = [np.bincount(sector, part, FLOOR.sectors) / count for part in (np.cos(phase), np.sin(phase))]
+    # random phases have 1 / N of coherence
+    moved = float(np.sqrt(max(np.average(turned[0] ** 2 + turned[1] ** 2 - 1 / count, weights=count), 0.0)))
+    white = max(float(np.mean(np.diff(left) ** 2)) / 2 - rounding_variance(step), 0.0)
+    return step / 2 * moved * float(np.exp(-2 * np.pi**2 * white / step**2))
+
+
 def floor_of_means(values: Array, rows: Sequence[Ints]) -> NoiseFloor | None:
     """The floor of the means of channels (C, N) over intervals `rows`; None where intervals have one row only."""
     count = np.array([r.size for r in rows], dtype=float)

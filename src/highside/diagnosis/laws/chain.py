@@ -18,6 +18,8 @@ from highside.physics.places import PLACES
 from highside.physics.state import ChainState
 
 OF_POSES = ("offset", "scale", "scale_all", "matrix", "inclination", "toolface", "level")
+LOADS = ("load", "previous_load")
+"""what names of covariates begin with that read the load"""
 OF_ROTATION = (*OF_POSES, "timing")
 OF_GYROS = ("gyro_offset", "gyro_scale")
 CHANNELS, GYROS = ("ax", "ay", "az"), ("gx", "gy", "gz")
@@ -41,10 +43,21 @@ def place_fields(model: ForwardModel, state: ChainState, places: Sequence[str], 
 
 @dataclass(frozen=True)
 class AllRows:
-    """All rows (N,) of a session that fewer values stand for: `mean` takes (N,) to these."""
+    """All rows (N,) of a session that fewer values stand for: `mean` takes (..., N) to these."""
 
     state: ChainState
     mean: Callable[[Array], Array]
+
+    @property
+    def n(self) -> int:
+        """Number of rows."""
+        return self.state.n
+
+    def of(self, name: str) -> Array | None:
+        """(N,) a covariate; None of one that reads the load."""
+        if name.startswith(LOADS):
+            return None
+        return np.asarray(np.real(covariate(name).of(self.state, np.zeros((3, self.n)), 0)), dtype=float)
 
 
 def covariate_values(state: ChainState, load: Array, among: AllRows | None = None) -> CovariateValues:
@@ -72,8 +85,7 @@ def covariate_values(state: ChainState, load: Array, among: AllRows | None = Non
             del found[name]
     if among is None:
         return CovariateValues(found, state.t_s)
-    temp = np.asarray(among.state.temp_c, dtype=float)
-    return CovariateValues(found, among.state.t_s, (temp, among.mean))
+    return CovariateValues(found, among.state.t_s, among)
 
 
 def chain_problem(

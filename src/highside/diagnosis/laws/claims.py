@@ -76,13 +76,13 @@ def reported_laws(found: Found, taken: Iterable[str] = ()) -> list[ReportedLaw]:
     return sorted(made, key=lambda one: -(one.claim.share or 0.0))
 
 
-def effects_of(found: Found) -> dict[int, Array]:
+def effects_of(found: Found, names: bool = False) -> dict[int, Array]:
     """(C, n) what each law of a search does to the readings, by the number of its term, the largest share first: as
-    `reported_laws` has them where no formula is told."""
+    `reported_laws` has them where no formula is told. Of `names` too where it is asked."""
     white, terms = found.whitened(), list(found.terms)
     mean, _ = white.posterior(terms)
     shares = _shares(white, terms)
-    numbers = [k for k, term in enumerate(terms) if not term.group.effect]
+    numbers = [k for k, term in enumerate(terms) if names or not term.group.effect]
     return {
         k: np.tensordot(mean[slice_of(found, terms, k)], raw_columns(found.problem, [terms[k]]), 1)
         for k in sorted(numbers, key=lambda k: -shares[k])

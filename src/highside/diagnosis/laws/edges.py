@@ -15,18 +15,18 @@ import numpy as np
 from highside.arrays import Array
 from highside.diagnosis.laws.edges_policy import EDGES
 from highside.diagnosis.laws.evidence import Families, LawTerm, Prior, Whitened
-from highside.diagnosis.laws.groups import Bases, LawGroup, each_place
+from highside.diagnosis.laws.groups import SETS_IN, Bases, LawGroup, each_place
 from highside.diagnosis.laws.noise import LawNoise, Whitener
 from highside.diagnosis.laws.policy import LAW_GROUPS, LAW_SEARCH
 from highside.diagnosis.laws.problem import LawProblem
-from highside.diagnosis.laws.variants import IN_TIME, moved
+from highside.diagnosis.laws.variants import moved
 from highside.physics.covariates import COVARIATES, FILTERED
 from highside.physics.law import Axis, Function
 
 STEPS = ("step",)
 
 
-def is_edge(group: LawGroup, kinds: Sequence[str] = IN_TIME) -> bool:
+def is_edge(group: LawGroup, kinds: Sequence[str] = SETS_IN) -> bool:
     """Whether a group is one step, ramp or decay."""
     return len(group.axes) == 1 and len(group.axes[0].functions) == 1 and group.axes[0].functions[0].kind in kinds
 

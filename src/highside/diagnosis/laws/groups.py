@@ -11,7 +11,7 @@ import numpy as np
 
 from highside.arrays import Array
 from highside.diagnosis.laws.policy import LAW_GROUPS
-from highside.diagnosis.laws.problem import LawProblem, PlaceField
+from highside.diagnosis.laws.problem import LawProblem, PlaceField, functions_of
 from highside.physics.covariates import COVARIATES, FILTERED, joined, lag_of
 from highside.physics.effect import AXES
 from highside.physics.law import Axis, Function
@@ -53,6 +53,8 @@ PAIRED = (
     ("load_z", "temp"),
 )
 """Pairs of covariates whose products are tried, where a session does not ask for every pair."""
+SETS_IN = ("step", "ramp", "decay")
+"""functions that begin at some value"""
 ONE_QUANTITY = (
     frozenset({"tf", "tf_fraction"}),
     frozenset({"inc", "load_z"}),
@@ -238,9 +240,9 @@ def product_of(problem: LawProblem, units: tuple[PlaceField, ...], axes: Sequenc
     """(u, m, n) the products of all functions of the axes, for each unit."""
     made = []
     for unit in units:
-        result = axes[0].basis(values_of(problem, axes[0].covariate, unit))
+        result = functions_of(problem.covariates, axes[0], unit.own)
         for axis in axes[1:]:
-            own = axis.basis(values_of(problem, axis.covariate, unit))
+            own = functions_of(problem.covariates, axis, unit.own)
             result = (result[:, None] * own[None]).reshape(-1, own.shape[1])
         made.append(result)
     return np.stack(made)
@@ -298,15 +300,26 @@ def _pairs(units: tuple[PlaceField, ...], bases: Bases) -> Iterator[LawGroup]:
         listed = (*PAIRED, *((name, "temp") for name in known if name not in COVARIATES))
         pairs = [pair for pair in listed if known.keys() >= set(pair)]
     tries = max(LAW_GROUPS.pairs, len(pairs))
-    for one, other in pairs:
-        made = []
-        for name in (one, other):
-            values, distinct = known[name]
-            count = min(LAW_GROUPS.pair_orders - 1, distinct - 1)
-            turns = min(LAW_GROUPS.pair_turns, max(1, distinct // 2))
-            made.append(axis_of(name, values, count, constant=True, turns=turns))
-        (first, k), (second, j) = made
-        yield bases.group(units, (first, second), np.hypot(k[:, None], j[None]).reshape(-1), tries)
+    for pair in pairs:
+        yield product_group(units, pair, known, bases, tries)
+
+
+def product_group(
+    units: tuple[PlaceField, ...],
+    pair: tuple[str, str],
+    known: dict[str, tuple[Array, int]],
+    bases: Bases,
+    tries: int,
+) -> LawGroup:
+    """A smooth function of two covariates in a place; `known`: values (n,) and number of distinct values of each."""
+    made = []
+    for name in pair:
+        values, distinct = known[name]
+        count = min(LAW_GROUPS.pair_orders - 1, distinct - 1)
+        turns = min(LAW_GROUPS.pair_turns, max(1, distinct // 2))
+        made.append(axis_of(name, values, count, constant=True, turns=turns))
+    (first, k), (second, j) = made
+    return bases.group(units, (first, second), np.hypot(k[:, None], j[None]).reshape(-1), tries)
 
 
 def _shapes(units: tuple[PlaceField, ...], bases: Bases) -> Iterator[LawGroup]:

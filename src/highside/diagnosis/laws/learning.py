@@ -28,11 +28,12 @@ from highside.diagnosis.laws.noise import (
     Whitener,
     evidence,
     ladder_lengths,
-    step_of,
+    level_lengths,
     transposed_by_ladders,
     white_by_ladders,
 )
-from highside.diagnosis.laws.policy import LAW_EVIDENCE, LAW_NOISE
+from highside.diagnosis.laws.noise_policy import LAW_NOISE
+from highside.diagnosis.laws.policy import LAW_EVIDENCE
 from highside.diagnosis.laws.problem import LawProblem
 
 FREE = "free"
@@ -176,7 +177,7 @@ class _Filters:
     @classmethod
     def of(cls, white: Array, t_s: Array) -> _Filters:
         shares = np.repeat(LAW_NOISE.shares, len(LAW_NOISE.lengths))
-        lengths = np.tile(LAW_NOISE.lengths, len(LAW_NOISE.shares)) * step_of(t_s)
+        lengths = np.tile(level_lengths(t_s), len(LAW_NOISE.shares))
         levels = LevelNoise.of(white, t_s, shares, lengths)
         ladders = tuple(LadderNoise.several(white, t_s, np.array(LAW_NOISE.ladders), ladder_lengths(t_s)))
         plain = np.array([float(np.log(white).sum())])
@@ -320,7 +321,7 @@ class _Best:
         return cls([0] * count, np.ones(count), -np.inf, [[] for _ in range(count)])
 
     def noise(self, problem: LawProblem) -> LawNoise:
-        shares, lengths = np.array(LAW_NOISE.shares), np.array(LAW_NOISE.lengths) * step_of(problem.t_s)
+        shares, lengths = np.array(LAW_NOISE.shares), level_lengths(problem.t_s)
         made = LawNoise.floor_alone(problem)
         share, length, ladder = made.share.copy(), made.length.copy(), made.ladder.copy()
         for c, number in enumerate(self.chosen):

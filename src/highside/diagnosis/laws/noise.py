@@ -14,7 +14,8 @@ import numpy as np
 
 from highside.arrays import Array
 from highside.diagnosis.core.markov import LevelNoise
-from highside.diagnosis.laws.policy import LAW_EVIDENCE, LAW_NOISE
+from highside.diagnosis.laws.noise_policy import LAW_NOISE
+from highside.diagnosis.laws.policy import LAW_EVIDENCE
 from highside.diagnosis.laws.problem import LawProblem
 
 
@@ -144,9 +145,22 @@ def step_of(t_s: Array) -> float:
     return max(float(np.median(np.diff(t_s))), 1e-9) if t_s.size > 1 else 1.0
 
 
+def level_lengths(t_s: Array) -> Array:
+    """(K,) lengths of a level that are tried, s."""
+    return _reaching(np.array(LAW_NOISE.lengths), LAW_NOISE.spans_of_a_walk, t_s)
+
+
 def ladder_lengths(t_s: Array) -> Array:
     """(L,) lengths of the ladder's levels, s."""
-    return np.asarray(step_of(t_s) * LAW_NOISE.ladder_step ** np.arange(LAW_NOISE.ladder))
+    steps = np.asarray(LAW_NOISE.ladder_step ** np.arange(LAW_NOISE.ladder), dtype=float)
+    return _reaching(steps, LAW_NOISE.spans_of_a_ladder, t_s)
+
+
+def _reaching(steps: Array, spans: float, t_s: Array) -> Array:
+    """Lengths in s of some in median steps, drawn apart so that the longest is so many spans of a session at least."""
+    step = step_of(t_s)
+    longest = max(float(steps[-1]), spans * float(np.ptp(t_s)) / step)
+    return np.asarray(step * steps ** (np.log(longest) / np.log(steps[-1])))
 
 
 @dataclass(frozen=True)

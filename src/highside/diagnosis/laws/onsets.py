@@ -15,6 +15,7 @@ import numpy as np
 from highside.arrays import Array
 from highside.diagnosis.core.regression import flattened
 from highside.diagnosis.laws.evidence import (
+    Families,
     LawTerm,
     Prior,
     Whitened,
@@ -29,7 +30,7 @@ from highside.diagnosis.laws.groups import Bases, LawGroup, axis_of, each_place
 from highside.diagnosis.laws.noise import Whitener
 from highside.diagnosis.laws.onsets_policy import ONSETS
 from highside.diagnosis.laws.policy import LAW_GROUPS, LAW_SEARCH
-from highside.diagnosis.laws.problem import LawProblem
+from highside.diagnosis.laws.problem import LawProblem, functions_of, span_of_a_value
 from highside.diagnosis.laws.variants import ONSET, onset_knots
 from highside.physics.law import Axis, Function
 
@@ -43,7 +44,9 @@ def from_time(problem: LawProblem, base: LawGroup, at: float, tries: int) -> Law
     """A law from a time on."""
     time = problem.covariates["time"]
     step = Axis("time", float(time.min()), float(time.max()), (Function(ONSET, (at,)),))
-    return replace(base, axes=(*base.axes, step), basis=base.basis * step.basis(time)[0], tries=tries)
+    return replace(
+        base, axes=(*base.axes, step), basis=base.basis * functions_of(problem.covariates, step)[0], tries=tries
+    )
 
 
 def lasting(problem: LawProblem) -> list[LawGroup]:
@@ -73,7 +76,7 @@ class Onsets:
         self.problem, self.bases = problem, lasting(problem)
         self.knots = onset_knots(problem.t_s, ONSETS.values, ONSETS.before)
         self._numbers = {(*base.kind[:2], base.axes): i for i, base in enumerate(self.bases)}
-        self._whitener, self._residual = whitener, whitener.white(residual[None])
+        self._raw, self._whitener, self._residual = residual, whitener, whitener.white(residual[None])
         self._free = whitener.white(problem.free)
         self._white: dict[int, Array] = {}
 
@@ -104,7 +107,23 @@ class Onsets:
         low, high = tried[max(k - 1, 0)], tried[min(k + 1, tried.size - 1)]
         near = every[(every > low) & (every < high) & (every != own)]
         found = self._scored(terms, [at], near) if near.size else []
-        return max([best, *found], key=lambda one: one[0])
+        return self._to_the_row(terms, at, max([best, *found], key=lambda one: one[0]))
+
+    def _to_the_row(self, terms: Sequence[LawTerm], number: int, best: Gained) -> Gained:
+        """The law from a time on within a value that stands for many rows: it acts on a part of these."""
+        span = span_of_a_value(self.problem.covariates)
+        for _ in range(ONSETS.rounds_to_the_row if span else 0):
+            own = float(best[1].group.axes[-1].functions[0].numbers[0])
+            tried = own + span * np.linspace(-1.0, 1.0, ONSETS.in_a_value)
+            late = [from_time(self.problem, self.bases[number], float(at), best[1].group.tries) for at in tried]
+            white = Whitened(Families(self.problem, late), self._whitener, self._raw)
+            gains, priors = white.scores(list(terms), within=np.inf)
+            k = int(np.argmax(gains))
+            # as it stands it is the one in the middle
+            if np.isfinite(gains[k]):
+                best = float(gains[k]), LawTerm(late[k], priors[k])
+            span *= 2.0 / (ONSETS.in_a_value - 1)
+        return best
 
     def _scored(self, terms: Sequence[LawTerm], which: Sequence[int], knots: Array) -> list[Gained]:
         beside = np.concatenate([self._free, self._whitener.white(raw_columns(self.problem, list(terms)))])

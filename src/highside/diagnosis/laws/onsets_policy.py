@@ -23,6 +23,10 @@ class OnsetsPolicy:
     world of seed onset-tune-1)."""
     rounds: int = 2
     """Rounds in which each is put where it does best beside the others. Source: as `LawSearchPolicy.rounds`."""
+    in_a_value: int = 9
+    """Times tried within a value that stands for many rows. Source: chosen."""
+    rounds_to_the_row: int = 3
+    """Rounds of them, each four times as fine. Source: a value of ten turns is of some hundred rows."""
 
 
 ONSETS = OnsetsPolicy()

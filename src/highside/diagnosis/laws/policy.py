@@ -29,6 +29,9 @@ class LawGroupsPolicy:
     fifth of the range, as a law of one covariate of medium smoothness has them."""
     finer_turns: int = 6
     """Whole orders of toolface in such a product. Source: half of those of a law of the toolface alone."""
+    averaged_rows: int = 100_000
+    """Rows of a session, at most, over which functions are averaged; of more they are those of the mean. Source: 20
+    covariates of 17 functions take 2 s of 100,000 rows."""
     pairs: int = 20
     """Pairs of covariates that are tried side by side in a place, about. Source: the list of pairs."""
     steps: int = 48
@@ -120,55 +123,6 @@ class LawEvidencePolicy:
 
 
 LAW_EVIDENCE = LawEvidencePolicy()
-
-
-@dataclass(frozen=True)
-class LawNoisePolicy:
-    """The noise that laws compete with."""
-
-    factors: tuple[float, ...] = (1.0, 1.15)
-    """White noise tried, in units of what the present fit leaves; never below the floor. Source: a fit takes up to a
-    third of the values of the shortest sessions."""
-    white: tuple[float, ...] = (1.0, 1.1, 1.2, 1.35, 1.5, 1.75, 2.0, 2.5, 3.0, 4.0, 6.0, 10.0, 20.0, 50.0)
-    """White noise tried beside errors of the set angles, in units of the floor. Source: chosen; a wide grid."""
-    shares: tuple[float, ...] = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 1e3, 1e4, 1e6)
-    """Variances of a level that forgets, in units of the white noise's. Source: chosen, wide, as in the trial."""
-    lengths: tuple[float, ...] = (0.5, 1.0, 2.0, 5.0, 10.0, 30.0, 100.0, 300.0, 1e3)
-    """Its lengths, in units of the median step from value to value. Source: chosen; the longest is a random walk for
-    any session."""
-    ladders: tuple[float, ...] = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 100.0, 1e3)
-    """Variances of each level of 1/f noise, in the same units. Source: chosen; a wide grid."""
-    ladder: int = 6
-    """Levels of 1/f noise. Source: the trial that set the method."""
-    ladder_step: float = 4.0
-    """Ratio of their lengths. Source: the same trial."""
-    turns: int = 2
-    """Passes over the channels in which each one's noise is chosen beside the others'. Source: the evidence changed by
-    less than 0.1 nat in a third pass on 20 simulated sessions."""
-    finer: int = 4
-    """Looks at settings, the first of them coarse, each other one at the neighbours of the best. Source: in 328
-    learnings of 30 sessions of the deck of bfce0efc the setting was that of highest evidence among all 117 in 94 %, and
-    0.1 nat behind it in the mean, 4.6 in the worst hundredth."""
-    cost: float = 2.0
-    """Nats a further kind of noise must gain to be taken. Source: chosen; half a logarithm of fifty values each."""
-    jitters: tuple[float, ...] = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 64.0)
-    """Scatter of a set angle, in units of what the floor makes of it. Source: chosen; a wide grid."""
-    ladder_columns: int = 256
-    """Columns of one pass of a ladder's filter. Source: a processor's cache of 1 MB."""
-    at_once: int = 100_000
-    """Settings times values of one pass. Source: the same memory with forty columns."""
-    matrices: int = 50_000
-    """Numbers of the inner products of settings whose evidence is taken at once. Source: a processor's cache of 1 MB,
-    in which they and their factors have room."""
-    clip: float = 4.0
-    """Sigmas about the present fit beyond which a value is clipped. Source: the trial that set the method: false laws
-    in heavy tails 2 of 60 without, 0 with."""
-    clipped: float = 0.03
-    """Share of the values that may be clipped: of more it is the fit that is wrong. Source: chosen; a Student noise of
-    3 degrees of freedom has 2 % beyond."""
-
-
-LAW_NOISE = LawNoisePolicy()
 
 
 @dataclass(frozen=True)
@@ -403,6 +357,9 @@ class LawVerdictPolicy:
     least_share: float = 1e-5
     """Share of the misfit below which a law beside names is none. Source: two effects of 30 mg (lever arm, late clock)
     leave 3e-7 of what they do to the means over cells (tests/unit/test_diagnosis_long.py)."""
+    leftover: float = 0.02
+    """Share of the misfit below which a name found beside laws is a part of these that their functions leave. Source: a
+    surface of seven by seven functions left 0.011 of a product with an edge, which was named (law/021 of 06f31f0a)."""
     memory: float = 12.0
     """Nats by which noise that is correlated from pose to pose must be ahead of noise that is not, to be what is left.
     Source: as `LawSearchPolicy.gain`."""
@@ -437,6 +394,9 @@ class LawVerdictPolicy:
     is more than the band of a law of strength 400."""
     most_shapes: int = 24
     """Shapes of an effect at which a law is compared with it. Source: chosen; the largest grid of the library."""
+    overshoot: float = 1.18
+    """Times the error of rounding that a smooth law of it reaches. Source: the overshoot of a series of waves at a jump
+    (Gibbs), 1.179."""
     names: int = 3
     """Names that a law is said to resemble, at most. Source: chosen; a reader wants few."""
 

@@ -6,9 +6,10 @@ each place, the covariates, and a noise floor that does not come from the misfit
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,7 @@ from highside.arrays import Array
 from highside.diagnosis.core.regression import flattened
 from highside.diagnosis.laws.policy import LAW_GROUPS
 from highside.physics.covariates import lag_of
+from highside.physics.law import Axis
 from highside.physics.memory import low_pass
 
 
@@ -51,23 +53,74 @@ def fields_that_act(fields: Iterable[PlaceField]) -> tuple[PlaceField, ...]:
 
 class CovariateValues(dict[str, Array]):
     """Covariates by name: (n,), or (3, n) where one differs from axis to axis; of values that follow one another in
-    time the temperature of any lag too, which is not listed. Raises KeyError for what is not known."""
+    time the temperature of any lag too, which is not listed. Raises KeyError for what is not known.
 
-    def __init__(
-        self, listed: Mapping[str, Array], t_s: Array, among: tuple[Array, Callable[[Array], Array]] | None = None
-    ) -> None:
-        """`among`: the temperature (N,) at all times `t_s` (N,), and what makes of (N,) the values (n,)."""
+    Where each value stands for many rows, a function of a covariate is the mean of what it is at these: its reading is
+    a mean too.
+    """
+
+    def __init__(self, listed: Mapping[str, Array], t_s: Array, among: RowValues | None = None) -> None:
         super().__init__(listed)
         self._t_s, self._among = t_s, among
         self._lagging: dict[str, Array] = {}
 
+    def functions(self, axis: Axis) -> Array | None:
+        """(m, n) the functions of an axis, means over rows; None where that is not known."""
+        name = axis.covariate
+        if self._among is None or self._among.n > LAW_GROUPS.averaged_rows:
+            return None
+        values = self._lagged(name) if lag_of(name) else self._among.of(name)
+        return None if values is None else np.asarray(self._among.mean(axis.basis(values)))
+
+    def span_s(self) -> float:
+        """Time over which the rows of a value lie, of nine of ten; 0.0 where it is a row."""
+        if self._among is None:
+            return 0.0
+        time = self._t_s - self._t_s[0]
+        spread = self._among.mean(time**2) - self._among.mean(time) ** 2
+        # even times over a span have a standard deviation of it over the root of 12
+        return float(np.sqrt(12.0 * max(float(np.quantile(spread, 0.9)), 0.0)))
+
+    def _lagged(self, name: str) -> Array:
+        """(N,) a temperature that lags, at all times."""
+        temp = self["temp"] if self._among is None else self._among.of("temp")
+        assert temp is not None
+        return np.asarray(low_pass(self._t_s, temp, float(lag_of(name))))
+
     def __missing__(self, name: str) -> Array:
-        if not (lag := lag_of(name)) or "temp" not in self:
+        if not lag_of(name) or "temp" not in self:
             raise KeyError(name)
         if name not in self._lagging:
-            temp, mean = self._among or (self["temp"], np.asarray)
-            self._lagging[name] = np.asarray(mean(np.asarray(low_pass(self._t_s, temp, float(lag)))))
+            made = self._lagged(name)
+            self._lagging[name] = made if self._among is None else np.asarray(self._among.mean(made))
         return self._lagging[name]
+
+
+class RowValues(Protocol):
+    """All rows (N,) that fewer values stand for."""
+
+    @property
+    def n(self) -> int: ...
+    def of(self, name: str) -> Array | None:
+        """(N,) a covariate; None where it differs from axis to axis, or is not known of all rows."""
+
+    def mean(self, values: Array) -> Array:
+        """(..., N) to (..., n)."""
+
+
+def span_of_a_value(covariates: Mapping[str, Array]) -> float:
+    """Time in s over which the rows lie for which nine of ten values stand; 0.0 where each stands for itself."""
+    if not isinstance(covariates, CovariateValues):
+        return 0.0
+    return covariates.span_s()
+
+
+def functions_of(covariates: Mapping[str, Array], axis: Axis, own: int = -1) -> Array:
+    """(m, n) the functions of an axis, of a covariate that may differ from axis to axis as the axis `own` knows it."""
+    if isinstance(covariates, CovariateValues) and (made := covariates.functions(axis)) is not None:
+        return made
+    values = covariates[axis.covariate]
+    return axis.basis(values[own] if values.ndim == 2 else values)
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,7 @@ from highside.diagnosis.laws.groups import LawGroup
 from highside.diagnosis.laws.noise import LawNoise, Whitener
 from highside.diagnosis.laws.onsets import Onsets, begun
 from highside.diagnosis.laws.other_than_time import without_time
+from highside.diagnosis.laws.pairs import elsewhere, further_pairs
 from highside.diagnosis.laws.policy import LAW_SEARCH
 from highside.diagnosis.laws.state import State, which
 from highside.diagnosis.laws.steps import Steps
@@ -69,12 +70,15 @@ class Search(Steps):
         if two.worth >= one.worth and which(two.terms) != which(one.terms):
             two = self._proved(self._grown(self._proved(two), relearn=True))
             one = max((one, two), key=lambda s: s.worth)
-        one = self._from_its_noise(self._from_curves(self._from_between(self._from_curves(one))))
+        one = self._from_curves(self._from_between(self._from_curves(one)))
+        if not self.problem.every_pair and (wider := self._from_pairs(one)) is not one:
+            one = self._from_curves(wider)
+        one = self._from_its_noise(one)
         if self.problem.every_pair and one.noise.remembers:
             one = self._from_edges(one)
         if not self._variants:
             return self._found(one)
-        return self._found(self._without_time(self._from_onsets(one) if self.problem.every_pair else one))
+        return self._found(self._without_time(one if self._needs_no_onset(one) else self._from_onsets(one)))
 
     def resumed(self, found: Found) -> Found:
         """What was found goes on where groups have joined since, or what is taken out beyond first order has changed:
@@ -103,6 +107,14 @@ class Search(Steps):
         quiet = float(learnt.max()) <= 1.0 + min(chance, LAW_SEARCH.quiet)
         return bool(plain and quiet and state.evidence - nothing.evidence >= LAW_SEARCH.gain * len(terms))
 
+    def _needs_no_onset(self, state: State) -> bool:
+        """Whether, of many values, one curve of one quantity does it, or several that leave nothing but the floor: what
+        set in midway would be a surface over time, several curves, or leave more. That the one set in was tried."""
+        chance = LAW_SEARCH.at_the_floor / np.sqrt(2.0 * self.problem.n)
+        quiet = float(state.noise.times_the_floor(self.problem).max()) <= 1.0 + min(chance, LAW_SEARCH.quiet)
+        plain = all(len(t.group.axes) == 1 and "time" not in t.group.depends_on for t in state.terms)
+        return not self.problem.every_pair and plain and (quiet or len(state.terms) == 1)
+
     def _from_between(self, best: State) -> State:
         """What was found, or what begins beside white noise between the floor and what was learnt, and does better."""
         learnt = best.noise.times_the_floor(self.problem)
@@ -130,8 +142,9 @@ class Search(Steps):
         nothing left but the floor, nothing can do better; and a floor that is rounding alone shows nothing."""
         product, noise = any(len(term.group.axes) > 1 for term in best.terms), best.noise
         learnt = float(noise.times_the_floor(self.problem).max())
-        possible = product or noise.remembers or learnt > 1.0
-        if not self.problem.every_pair or not possible or learnt >= FEW_VALUES.unmeasured:
+        # of many values the colour and the size of the noise are known from more than what is left
+        unsure = self.problem.every_pair and (noise.remembers or learnt > 1.0)
+        if not (product or unsure) or learnt >= FEW_VALUES.unmeasured:
             return best
         barred, self.families = self.families.barred, self.families.without(lambda group: len(group.axes) > 1)
         floor = LawNoise.floor_alone(self.problem)
@@ -140,6 +153,19 @@ class Search(Steps):
         self.families = self.families.of(self.groups, barred)
         made = self._proved(self._grown(state, relearn=True))
         return max((best, made), key=lambda s: s.worth)
+
+    def _from_pairs(self, best: State) -> State:
+        """What was found, or products of what it follows and anything else that do better."""
+        for _ in range(LAW_SEARCH.rounds):
+            if not (more := further_pairs(self.problem, self.groups, best.terms)):
+                break
+            self.groups = [*self.groups, *more]
+            self.families = self.families.of(self.groups, self.families.barred)
+            made = self._proved(self._grown(self._proved(self._settled(best)), relearn=True))
+            if made.worth <= best.worth:
+                break
+            best = made
+        return best
 
     def _from_its_noise(self, best: State) -> State:
         """What was found, or what begins anew without any law beside the noise that was learnt last, and does better:
@@ -285,6 +311,9 @@ class Search(Steps):
         return other if other.evidence > state.evidence - LAW_SEARCH.same_confounded else state
 
     def _found(self, state: State) -> Found:
+        if not self.problem.every_pair and (more := elsewhere(self.problem, self.groups, state.terms)):
+            self.groups = [*self.groups, *more]
+            self.families = self.families.of(self.groups, self.families.barred)
         white = self._whitened(state)
         costs = self._costs(state)
         order = sorted(range(len(costs)), key=lambda k: -costs[k])

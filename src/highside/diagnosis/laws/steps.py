@@ -61,7 +61,9 @@ class Steps:
         return whitener.clipped(self.problem.residual, np.tensordot(mean, columns, 1))
 
     def _grown(self, state: State, *, relearn: bool) -> State:
-        """Groups taken one by one while they gain, each put to the test against its rivals."""
+        """Groups taken one by one while they gain, each put to the test against its rivals; where the noise is learnt
+        again the best on the way stays: beside much of it rivals may change places with a loss."""
+        best_of_all = state
         while len(state.terms) < (LAW_SEARCH.most if relearn else LAW_SEARCH.most_first):
             white = self._whitened(state)
             gains, priors = white.scores(state.terms, least=LAW_SEARCH.gain, within=LAW_SEARCH.simpler)
@@ -72,6 +74,7 @@ class Steps:
             if relearn:
                 terms = self._varied(state, self._refitted_with_rivals(white, terms))
                 state = self._learn(terms, self.problem.residual)
+                best_of_all = max((best_of_all, state), key=lambda s: s.worth)
             else:
                 state = replace(state, terms=self._varied(state, terms))
         if not state.terms:
@@ -79,7 +82,8 @@ class Steps:
         if not relearn:
             return replace(state, terms=self._varied(state, self._refitted_with_rivals(white, state.terms)))
         terms = self._varied(state, state.terms)
-        return state if which(terms) == which(state.terms) else self._learn(terms, self.problem.residual)
+        varied = state if which(terms) == which(state.terms) else self._learn(terms, self.problem.residual)
+        return max((varied, best_of_all), key=lambda s: s.worth)
 
     def _varied(self, state: State, terms: list[LawTerm]) -> list[LawTerm]:
         """Each term, or a variant of it that gains more beside the others: with an onset, or of finer functions."""
@@ -197,7 +201,7 @@ class Steps:
             state = self._learn(terms, self.problem.residual)
             if terms:
                 terms = self._varied(state, self._refitted_with_rivals(self._whitened(state), terms))
-                state = self._learn(terms, self.problem.residual)
+                state = max((state, self._learn(terms, self.problem.residual)), key=lambda s: s.worth)
         return state
 
     def _costs(self, state: State) -> list[float]:

@@ -15,6 +15,7 @@ import numpy as np
 from highside.arrays import Array
 from highside.diagnosis.laws.edges_policy import EDGES
 from highside.diagnosis.laws.groups import (
+    SETS_IN,
     LawGroup,
     axis_of,
     distinct_of,
@@ -23,21 +24,19 @@ from highside.diagnosis.laws.groups import (
     values_of,
 )
 from highside.diagnosis.laws.policy import LAW_GROUPS, LAW_SEARCH
-from highside.diagnosis.laws.problem import LawProblem
+from highside.diagnosis.laws.problem import LawProblem, functions_of
 from highside.physics.covariates import COVARIATES
 from highside.physics.law import Axis, Function
 from highside.physics.places import PLACES
 
 ONSET = "step"
-IN_TIME = ("step", "ramp", "decay")
-"""shapes that begin at some time"""
 
 
 def variants_of(problem: LawProblem, group: LawGroup) -> list[LawGroup]:
     """What is tried in the place of a group; nothing for effects of the library and for what has variants already."""
     if group.effect:
         return []
-    if len(group.axes) == 1 and group.axes[0].functions[0].kind in IN_TIME:
+    if len(group.axes) == 1 and group.axes[0].functions[0].kind in SETS_IN:
         return moved(problem, group)
     if any(f.kind == ONSET for axis in group.axes for f in axis.functions):
         return []
@@ -103,7 +102,7 @@ def _onsets(problem: LawProblem, group: LawGroup) -> list[LawGroup]:
     made = []
     for at in knots:
         step = Axis("time", low, high, (Function(ONSET, (float(at),)),))
-        acts = step.basis(time)[0]
+        acts = functions_of(problem.covariates, step)[0]
         made.append(replace(group, axes=(*axes, step), order=order, basis=basis * acts, tries=2 * len(knots)))
     return made
 

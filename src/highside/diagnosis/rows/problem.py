@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from highside.arrays import AnyArray, Array
 from highside.diagnosis.core.candidate_set import CandidateSet, Term, threshold
 from highside.diagnosis.core.chunks import in_order
-from highside.diagnosis.core.finding_policy import STABILITY
-from highside.diagnosis.core.floor import lattice_step
+from highside.diagnosis.core.finding_policy import FLOOR, STABILITY
+from highside.diagnosis.core.floor import lattice_step, rounding_error
 from highside.diagnosis.core.held_out import block_gain
 from highside.diagnosis.core.location import Located, Scan, followed, intervals, scan_of
 from highside.diagnosis.core.memory import Channel, Memory
@@ -240,7 +240,9 @@ class RowsProblem(Problem[RotationNoise]):
     def in_steps(self) -> tuple[Array, Array]:
         rows = np.concatenate([np.arange(part.start, part.stop) for part in windows(self.session.n)])
         readings = self.session.readings[:, rows] if self.session.long else self.session.readings
-        steps = np.array([lattice_step(channel) for channel in readings])
+        left = self.residual[:, rows] if self.session.long else self.residual
+        tf_rad = self.session.state.tf_rad[rows]
+        steps = np.array([_coarse_step(*one, tf_rad) for one in zip(readings, left, strict=True)])
         return steps, np.std(self.residual, axis=1)
 
     @property
@@ -291,3 +293,9 @@ class RowsProblem(Problem[RotationNoise]):
             "impulses": noise.impulses,
             "degrees_of_freedom": noise.freedom,
         }
+
+
+def _coarse_step(reading: Array, left: Array, tf_rad: Array) -> float:
+    """The step of the lattice of readings (N,); 0.0 where the turn or noise removes its error from means."""
+    step = lattice_step(reading)
+    return step if rounding_error(reading, left, tf_rad) > FLOOR.rounded * step else 0.0

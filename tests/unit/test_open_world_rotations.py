@@ -1,0 +1,45 @@
+"""Rotations of the open world on which something was mended, through the command."""
+
+from pathlib import Path
+
+import pytest
+
+from studies.open_world import judging, score
+
+WHERE_ROWS_ARE = "06f31f0a752188b81e127ebd1beb876e580300d2"
+PAIRS = "66ff7ef17a204d806ec138e48a9793a8c0c0dbe3"
+
+
+@pytest.mark.parametrize(
+    ("seed", "name"),
+    [
+        # a curve that bends within a cell: of its mean temperature it left a second law, and both were wrong elsewhere
+        (WHERE_ROWS_ARE, "law/301"),
+        # a factor that follows the rate and the supply together, no listed pair
+        (PAIRS, "law/037"),
+        # a stray delay was learned of a temperature at single rows in place of means, and took the laws away
+        (PAIRS, "law/089"),
+    ],
+)
+def test_a_law_is_found_and_predicts_another_session(seed: str, name: str, tmp_path: Path) -> None:
+    row = score.run_case(score.every_case(seed, ("law",))[name](), tmp_path)
+    assert judging.judged(row)["in_class"]
+    assert row["closed"] >= 0.9
+
+
+@pytest.mark.parametrize(
+    ("name", "effect"),
+    [
+        # steps of a converter across the axis are no error of means; a step within a cell has its time
+        ("known/173", "temperature_bias"),
+        ("known/181", "bias_step"),
+        # a hysteresis wider than the range, in a random walk, is a temperature coefficient
+        ("known/087", "temperature_bias"),
+    ],
+)
+def test_an_effect_of_the_library_has_its_name_and_no_other(name: str, effect: str, tmp_path: Path) -> None:
+    row = score.run_case(score.every_case(WHERE_ROWS_ARE, ("known",))[name](), tmp_path)
+    claims = row["answer"]["claims"]
+    assert [claim["effect"] for claim in claims if claim["effect"] != "wander"] == [effect]
+    if effect == "bias_step":
+        assert claims[0]["parameters"]["t0"]["value"] == pytest.approx(299.9, abs=0.2)
