@@ -109,6 +109,9 @@ def accepted(law: Row, design: str) -> set[Key]:
     for same in options:
         chosen = [kept | {one} for kept in chosen for one in sorted(same)]
     keys = {(place, covariates) for place in places for covariates in chosen}
+    if law["place"] == "timing":
+        # an angle read late is wrong by the rate times the delay; on accelerometers the two are one
+        keys |= {("toolface", covariates | {"rate"}) for _, covariates in keys}
     if law["onset_s"] is not None:
         keys |= {(place, covariates | {"time"}) for place, covariates in keys}
     return keys
