@@ -70,9 +70,11 @@ class Search(Steps):
         if two.worth >= one.worth and which(two.terms) != which(one.terms):
             two = self._proved(self._grown(self._proved(two), relearn=True))
             one = max((one, two), key=lambda s: s.worth)
-        one = self._from_curves(self._from_between(self._from_curves(one)))
-        if not self.problem.every_pair and (wider := self._from_pairs(one)) is not one:
-            one = self._from_curves(wider)
+        one = self._from_curves(one)
+        if self.problem.every_pair:
+            one = self._from_curves(self._from_between(one))
+        else:
+            one = self._from_pairs(one)
         one = self._from_its_noise(one)
         if self.problem.every_pair and one.noise.remembers:
             one = self._from_edges(one)
@@ -97,23 +99,24 @@ class Search(Steps):
     def _at_the_floor(self, state: State, nothing: State) -> bool:
         """Whether one curve or two leave the floor alone, and are worth what laws must be beside noise alone. Curves in
         the place of a product, or of what sets in midway, leave more."""
-        terms, learnt = state.terms, state.noise.times_the_floor(self.problem)
+        terms = state.terms
         if not 1 <= len(terms) <= LAW_SEARCH.curves_at_the_floor or state.noise.remembers:
             return False
         plain = all(len(t.group.axes) == 1 for t in terms) and (
             len(terms) == 1 or not any("time" in t.group.depends_on for t in terms)
         )
-        chance = LAW_SEARCH.at_the_floor / np.sqrt(2.0 * self.problem.n)
-        quiet = float(learnt.max()) <= 1.0 + min(chance, LAW_SEARCH.quiet)
-        return bool(plain and quiet and state.evidence - nothing.evidence >= LAW_SEARCH.gain * len(terms))
+        return bool(plain and self._quiet(state) and state.evidence - nothing.evidence >= LAW_SEARCH.gain * len(terms))
 
     def _needs_no_onset(self, state: State) -> bool:
         """Whether, of many values, one curve of one quantity does it, or several that leave nothing but the floor: what
         set in midway would be a surface over time, several curves, or leave more. That the one set in was tried."""
-        chance = LAW_SEARCH.at_the_floor / np.sqrt(2.0 * self.problem.n)
-        quiet = float(state.noise.times_the_floor(self.problem).max()) <= 1.0 + min(chance, LAW_SEARCH.quiet)
         plain = all(len(t.group.axes) == 1 and "time" not in t.group.depends_on for t in state.terms)
-        return not self.problem.every_pair and plain and (quiet or len(state.terms) == 1)
+        return not self.problem.every_pair and plain and (self._quiet(state) or len(state.terms) == 1)
+
+    def _quiet(self, state: State) -> bool:
+        """Whether the noise exceeds the floor of values that are independent by no more than chance."""
+        chance = LAW_SEARCH.at_the_floor / np.sqrt(2.0 * self.problem.n)
+        return bool(state.noise.times_the_floor(self.problem).max() <= 1.0 + min(chance, LAW_SEARCH.quiet))
 
     def _from_between(self, best: State) -> State:
         """What was found, or what begins beside white noise between the floor and what was learnt, and does better."""
@@ -143,8 +146,9 @@ class Search(Steps):
         product, noise = any(len(term.group.axes) > 1 for term in best.terms), best.noise
         learnt = float(noise.times_the_floor(self.problem).max())
         # of many values the colour and the size of the noise are known from more than what is left
-        unsure = self.problem.every_pair and (noise.remembers or learnt > 1.0)
-        if not (product or unsure) or learnt >= FEW_VALUES.unmeasured:
+        unsure = noise.remembers or learnt > 1.0
+        possible = product or unsure if self.problem.every_pair else product and not self._quiet(best)
+        if not possible or learnt >= FEW_VALUES.unmeasured:
             return best
         barred, self.families = self.families.barred, self.families.without(lambda group: len(group.axes) > 1)
         floor = LawNoise.floor_alone(self.problem)
