@@ -38,7 +38,7 @@ from highside.diagnosis.laws.policy import LAW_VERDICT
 from highside.diagnosis.laws.problem import LawProblem
 from highside.diagnosis.laws.search import Search
 from highside.diagnosis.name_groups import name_groups, resembled
-from highside.diagnosis.names_instead import alike_of, implausible, names_of, with_names_instead
+from highside.diagnosis.names_instead import alike_of, implausible, names_of, sudden, with_names_instead
 from highside.physics import effects as library
 from highside.physics.forward import ForwardModel
 from highside.physics.law import PREFIX, Law
@@ -296,7 +296,7 @@ def _alone(
     """
     residual = session.residual(model)
     posed = session.problem(model, residual)
-    offered = [name for name in dict.fromkeys([*near, "bias_step"]) if name not in refused]
+    offered = [name for name in dict.fromkeys([*near, *sudden()]) if name not in refused]
     search = Search(posed, [*groups_of(posed), *(g for name in offered for g in name_groups(session, model, name))])
     found = search.run()
     for _ in range(LAW_VERDICT.turns):

@@ -57,6 +57,11 @@ def alike_of(session: LawSession, model: ForwardModel, found: Found) -> list[str
     return list(dict.fromkeys(name for effect in effects for name in resembled(session, model, found, effect)))
 
 
+def sudden() -> list[str]:
+    """Names that set in at some time: no smooth function is one, so that no law may resemble it."""
+    return [effect.id for effect in library.all_effects().values() if any(p.epoch for p in effect.shapes)]
+
+
 def implausible(claim: Claim) -> bool:
     """Whether a size is beyond what instruments have."""
     effect = library.get(claim.effect)

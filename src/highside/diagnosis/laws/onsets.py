@@ -30,7 +30,7 @@ from highside.diagnosis.laws.groups import Bases, LawGroup, axis_of, each_place
 from highside.diagnosis.laws.noise import Whitener
 from highside.diagnosis.laws.onsets_policy import ONSETS
 from highside.diagnosis.laws.policy import LAW_GROUPS, LAW_SEARCH
-from highside.diagnosis.laws.problem import LawProblem, functions_of, span_of_a_value
+from highside.diagnosis.laws.problem import CovariateValues, LawProblem, functions_of
 from highside.diagnosis.laws.variants import ONSET, onset_knots
 from highside.physics.law import Axis, Function
 
@@ -111,7 +111,9 @@ class Onsets:
 
     def _to_the_row(self, terms: Sequence[LawTerm], number: int, best: Gained) -> Gained:
         """The law from a time on within a value that stands for many rows: it acts on a part of these."""
-        span = span_of_a_value(self.problem.covariates)
+        known = self.problem.covariates
+        spread = known.spread_of_times() if isinstance(known, CovariateValues) else None
+        span = 0.0 if spread is None else ONSETS.span * float(np.quantile(spread, ONSETS.most_values))
         for _ in range(ONSETS.rounds_to_the_row if span else 0):
             own = float(best[1].group.axes[-1].functions[0].numbers[0])
             tried = own + span * np.linspace(-1.0, 1.0, ONSETS.in_a_value)

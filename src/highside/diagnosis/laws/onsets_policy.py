@@ -23,6 +23,11 @@ class OnsetsPolicy:
     world of seed onset-tune-1)."""
     rounds: int = 2
     """Rounds in which each is put where it does best beside the others. Source: as `LawSearchPolicy.rounds`."""
+    most_values: float = 0.9
+    """Share of the values whose rows lie within the time over which an onset is placed among rows. Source: chosen; some
+    cells of a rotation hold rows of far turns."""
+    span: float = 3.5
+    """That time, in standard deviations of the times of a value's rows. Source: the root of 12, of even times."""
     in_a_value: int = 9
     """Times tried within a value that stands for many rows. Source: chosen."""
     rounds_to_the_row: int = 3

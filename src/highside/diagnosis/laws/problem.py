@@ -72,14 +72,12 @@ class CovariateValues(dict[str, Array]):
         values = self._lagged(name) if lag_of(name) else self._among.of(name)
         return None if values is None else np.asarray(self._among.mean(axis.basis(values)))
 
-    def span_s(self) -> float:
-        """Time over which the rows of a value lie, of nine of ten; 0.0 where it is a row."""
+    def spread_of_times(self) -> Array | None:
+        """(n,) standard deviation in s of the times of the rows of each value; None where a value is a row."""
         if self._among is None:
-            return 0.0
+            return None
         time = self._t_s - self._t_s[0]
-        spread = self._among.mean(time**2) - self._among.mean(time) ** 2
-        # even times over a span have a standard deviation of it over the root of 12
-        return float(np.sqrt(12.0 * max(float(np.quantile(spread, 0.9)), 0.0)))
+        return np.asarray(np.sqrt(np.maximum(self._among.mean(time**2) - self._among.mean(time) ** 2, 0.0)))
 
     def _lagged(self, name: str) -> Array:
         """(N,) a temperature that lags, at all times."""
@@ -106,13 +104,6 @@ class RowValues(Protocol):
 
     def mean(self, values: Array) -> Array:
         """(..., N) to (..., n)."""
-
-
-def span_of_a_value(covariates: Mapping[str, Array]) -> float:
-    """Time in s over which the rows lie for which nine of ten values stand; 0.0 where each stands for itself."""
-    if not isinstance(covariates, CovariateValues):
-        return 0.0
-    return covariates.span_s()
 
 
 def functions_of(covariates: Mapping[str, Array], axis: Axis, own: int = -1) -> Array:

@@ -71,10 +71,7 @@ class Search(Steps):
             two = self._proved(self._grown(self._proved(two), relearn=True))
             one = max((one, two), key=lambda s: s.worth)
         one = self._from_curves(one)
-        if self.problem.every_pair:
-            one = self._from_curves(self._from_between(one))
-        else:
-            one = self._from_pairs(one)
+        one = self._from_curves(self._from_between(one)) if self.problem.every_pair else self._from_pairs(one)
         one = self._from_its_noise(one)
         if self.problem.every_pair and one.noise.remembers:
             one = self._from_edges(one)
