@@ -6,11 +6,13 @@ import math
 import tomllib
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from highside.config.model import Model, as_toml, load_model, parse_model
 from highside.errors import InputError
 from highside.physics import effects
+from highside.physics.law import Axis, Function, Law
 from highside.physics.plan import PosePlan, RotationPlan
 
 
@@ -217,3 +219,20 @@ def test_what_was_found_a_little_beyond_its_range_is_written_and_read_back() -> 
     assert "implausible = true" in written
     assert parse_model(tomllib.loads(written), where="model").effects.values()["cross_product"]["k_y_xy"] == -6.05e-3
     assert "implausible" not in as_toml(model.with_effects({"cross_product": {"k_y_xy": 1e-3}}, as_found=True))
+
+
+def test_a_model_with_the_largest_laws_that_are_found_is_read_again(tmp_path: Path) -> None:
+    """Two channels of eleven by twenty-one functions: what `diagnose` wrote, `predict` refused as too long."""
+    waves = tuple(Function("wide_cosine", (float(k),)) for k in range(1, 22))
+    axes = tuple(Axis(name, -1.0, 1.0, waves[:count]) for name, count in (("temp", 11), ("rate", 21)))
+    count = 2 * 11 * 21
+    rng = np.random.default_rng(1)
+    half = rng.standard_normal((count, 3))
+    covariance = tuple(map(tuple, (half @ half.T).tolist()))
+    coefficients = tuple(map(tuple, rng.standard_normal((2, count // 2)).tolist()))
+    law = Law("level_xy_temp_x_rate", "level", ("x", "y"), axes, coefficients, covariance)
+    path = tmp_path / "found.toml"
+    path.write_text(as_toml(model("").with_laws([law])))
+    assert path.stat().st_size > 1 << 20
+    (read,) = load_model(path).known_laws
+    np.testing.assert_allclose(read.covariance, covariance, rtol=1e-7)

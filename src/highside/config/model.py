@@ -37,11 +37,13 @@ from highside.physics.gravity import normal_gravity_mps2
 from highside.physics.law import Law, effect_of
 from highside.physics.motion import Leg
 from highside.physics.plan import Session, Site
-from highside.reading import read_toml
+from highside.reading import parse_toml, read_bytes
 from highside.reading.config_table import ConfigTable
 from highside.units import STANDARD_GRAVITY_MPS2
 
 MAX_ROWS = 20_000_000
+MAX_MODEL_BYTES = 16 << 20
+"""Longest model file: a law of two covariates on two channels has a covariance of 462 by 462 numbers, 3 MB."""
 
 
 class ToolTable(ConfigTable):
@@ -214,7 +216,8 @@ def _toml(value: Any) -> str:
 
 def load_model(path: Path) -> Model:
     """Read a model file. Raises InputError with one line that names file, table, field and what is allowed."""
-    return parse_model(read_toml(path), where=str(path))
+    data = read_bytes(path, max_bytes=MAX_MODEL_BYTES)
+    return parse_model(parse_toml(data, where=str(path), max_bytes=MAX_MODEL_BYTES), where=str(path))
 
 
 def parse_model(tables: Mapping[str, Any], *, where: str) -> Model:
