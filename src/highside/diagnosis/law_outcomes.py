@@ -9,6 +9,7 @@ import numpy as np
 from highside.arrays import Array
 from highside.diagnosis.core.result import Claim
 from highside.diagnosis.laws.claims import ReportedLaw, effects_of, reported_laws
+from highside.diagnosis.laws.evidence import raw_columns
 from highside.diagnosis.laws.found import Found
 from highside.diagnosis.laws.free_rivals import with_free_rivals
 from highside.diagnosis.laws.policy import LAW_SEARCH, LAW_VERDICT
@@ -77,12 +78,25 @@ def without_leftovers(outcome: Outcome, model: ForwardModel, known: set[str]) ->
 
 
 def above_rounding(outcome: Outcome, model: ForwardModel, error: Array) -> Outcome:
-    """Without the laws that stay below the error (C,) that rounding leaves in means: a function of the reading too."""
-    least = LAW_VERDICT.overshoot * error[:, None]
-    small = {k for k, one in effects_of(outcome.found).items() if not np.any(np.abs(one) > least)}
-    if not np.any(error) or not small:
+    """Without the laws that stay below the error (C,) that rounding leaves in means, a function of the reading too, or
+    that only channels show on which they do."""
+    if not np.any(error):
         return outcome
-    found = outcome.found.only([k for k in range(len(outcome.found.terms)) if k not in small])
+    found, least = outcome.found, LAW_VERDICT.overshoot * error
+    terms = list(found.terms)
+    mean, _ = found.whitened().posterior(terms)
+    columns = np.concatenate([found.problem.free, raw_columns(found.problem, terms)])
+    left = found.residual - np.tensordot(mean, columns, 1)
+    scale = found.problem.floor * found.noise.factor[:, None]
+    small = set()
+    for k, one in effects_of(found).items():
+        above = np.abs(one).max(axis=1) > least
+        gained = np.sum(((left + one) ** 2 - left**2) / scale**2, axis=1)
+        if gained[above].sum() < 2.0 * LAW_SEARCH.gain:
+            small.add(k)
+    if not small:
+        return outcome
+    found = found.only([k for k in range(len(terms)) if k not in small])
     return replace(outcome, laws=tuple(reported_laws(found, model.ids)), found=found)
 
 
