@@ -15,7 +15,7 @@ from highside.diagnosis.laws import claims
 from highside.diagnosis.laws.chain import chain_problem
 from highside.diagnosis.laws.claims import heldout, proved, reported_laws
 from highside.diagnosis.laws.evidence import LawTerm, Prior
-from highside.diagnosis.laws.formulas import forms_of
+from highside.diagnosis.laws.formulas import _fitted, forms_of
 from highside.diagnosis.laws.found import Found
 from highside.diagnosis.laws.groups import LawGroup, groups_of
 from highside.diagnosis.laws.search import Search
@@ -154,3 +154,15 @@ def test_two_values_show_a_line_and_no_other_formula(distinct: int) -> None:
     supply = np.linspace(4.8, 5.2, distinct)[np.arange(60) % distinct]
     names = [form.name for form in forms_of("supply_v", supply + 1e-9 * np.sin(np.arange(60)))]
     assert (names == ["linear"]) == (distinct == 2)
+
+
+def test_a_formula_that_the_other_laws_hold_already_gains_nothing() -> None:
+    """Nothing is left of it beside them, and a system of nothing has no solution: the command ended by an error."""
+    rng = np.random.default_rng(4)
+    columns = rng.standard_normal((3, 1, 40))
+    residual = rng.standard_normal((1, 40))
+    twice = np.repeat(columns[:1], 2, axis=0)[None]
+    for own in (twice, np.zeros((2, 2, 1, 40))):
+        gains, _, means = _fitted(columns, np.zeros(3), own, residual)
+        assert np.isfinite(means).all()
+        np.testing.assert_allclose(gains, 0.0, atol=1e-3)

@@ -363,7 +363,11 @@ def _fitted(columns: Array, prior: Array, own: Array, residual: Array) -> tuple[
     level = np.einsum("bii->b", left) / width
     left = left + LAW_REPORT.ridge * np.maximum(level, 1e-300)[:, None, None] * np.eye(width)
     drive = sets @ target - across @ mean
-    own_mean = np.linalg.solve(left, drive[:, :, None])[:, :, 0]
+    try:
+        own_mean = np.linalg.solve(left, drive[:, :, None])[:, :, 0]
+    except np.linalg.LinAlgError:
+        # of functions that the columns hold already nothing is left
+        own_mean = (np.linalg.pinv(left, hermitian=True) @ drive[:, :, None])[:, :, 0]
     gains = 0.5 * np.sum(own_mean * drive, axis=1)
     # what the columns give up to the sets
     given = np.einsum("bw,bwk->bk", own_mean, across @ inverse)
