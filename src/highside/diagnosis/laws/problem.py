@@ -63,14 +63,22 @@ class CovariateValues(dict[str, Array]):
         super().__init__(listed)
         self._t_s, self._among = t_s, among
         self._lagging: dict[str, Array] = {}
+        self._functions: dict[Axis, Array] = {}
 
     def functions(self, axis: Axis) -> Array | None:
         """(m, n) the functions of an axis, means over rows; None where that is not known."""
         name = axis.covariate
         if self._among is None or self._among.n > LAW_GROUPS.averaged_rows:
             return None
-        values = self._lagged(name) if lag_of(name) else self._among.of(name)
-        return None if values is None else np.asarray(self._among.mean(axis.basis(values)))
+        if axis not in self._functions:
+            values = self._lagged(name) if lag_of(name) else self._among.of(name)
+            if values is None:
+                return None
+            # the last stay: products share them
+            for oldest in list(self._functions)[: max(0, len(self._functions) + 1 - LAW_GROUPS.averaged_kept)]:
+                del self._functions[oldest]
+            self._functions[axis] = np.asarray(self._among.mean(axis.basis(values)))
+        return self._functions[axis]
 
     def spread_of_times(self) -> Array | None:
         """(n,) standard deviation in s of the times of the rows of each value; None where a value is a row."""
