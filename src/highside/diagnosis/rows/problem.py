@@ -238,11 +238,10 @@ class RowsProblem(Problem[RotationNoise]):
 
     @property
     def in_steps(self) -> tuple[Array, Array]:
-        rows = np.concatenate([np.arange(part.start, part.stop) for part in windows(self.session.n)])
-        readings = self.session.readings[:, rows] if self.session.long else self.session.readings
-        left = self.residual[:, rows] if self.session.long else self.residual
-        tf_rad = self.session.state.tf_rad[rows]
-        steps = np.array([_coarse_step(*one, tf_rad) for one in zip(readings, left, strict=True)])
+        parts = windows(self.session.n) if self.session.long else [slice(0, self.session.n)]
+        rows = np.concatenate([np.arange(part.start, part.stop) for part in parts])
+        tf_rad, pairs = self.session.state.tf_rad[rows], zip(self.session.readings, self.residual, strict=True)
+        steps = np.array([_coarse_step(reading[rows], left[rows], tf_rad) for reading, left in pairs])
         return steps, np.std(self.residual, axis=1)
 
     @property
