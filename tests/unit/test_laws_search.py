@@ -72,6 +72,11 @@ def problem(state: ChainState, readings: np.ndarray) -> tuple[ForwardModel, LawP
     return model, chain_problem(model, state, residual, base, floor, jitter=tangents)
 
 
+def few_poses(state: ChainState, readings: np.ndarray) -> LawProblem:
+    """Means of poses, as a session hands them over: few values, laws of every pair of covariates."""
+    return replace(problem(state, readings)[1], every_pair=True)
+
+
 def closed(found: Found, law: Law) -> float:
     """Share of the law's true contribution on another session, off what is free there, that the learnt one predicts."""
     other = session(991)
@@ -146,7 +151,7 @@ def test_noise_far_above_the_floor_bars_a_law_from_its_own_channels_alone(shaken
     noise = SIGMA * rng.normal(size=(3, state.n))
     for channel in shaken:
         noise[channel] += 50 * SIGMA * rng.normal(size=state.n)
-    found = Search(problem(state, PLAIN.predict(state) + 6 * offset_of_temp(state) + noise)[1]).run()
+    found = Search(few_poses(state, PLAIN.predict(state) + 6 * offset_of_temp(state) + noise)).run()
     # of 14 values on one channel a law can gain 23 nats beside noise that is learnt, 60 times the floor before it
     assert [t.group.label for t in found.terms] == ([] if 0 in shaken else ["offset_x_temp"])
     if found.terms:
@@ -162,7 +167,7 @@ def test_only_noise_far_above_a_measured_floor_has_laws_chosen_one_by_one(
     monkeypatch.setattr(Search, "_next_by_evidence", lambda search, _: begun.append(search.problem.n))
     state = session(6, 14)
     readings = PLAIN.predict(state) + SIGMA * np.random.default_rng(6).normal(size=(3, state.n))
-    posed = replace(problem(state, readings)[1], floor=np.full(readings.shape, floor))
+    posed = replace(few_poses(state, readings), floor=np.full(readings.shape, floor))
     assert Search(posed).run().terms == ()
     assert begun == ([state.n] if asked else [])
 
