@@ -5,16 +5,20 @@ from __future__ import annotations
 import numpy as np
 
 from highside.arrays import Array
+from highside.diagnosis.core.fit import base_fit
+from highside.diagnosis.core.regression import flattened
 from highside.diagnosis.core.result import Claim
 from highside.diagnosis.law_sessions import LawSession
 from highside.diagnosis.laws.claims import reported_laws
 from highside.diagnosis.laws.found import Found
+from highside.diagnosis.laws.problem import LawProblem
 from highside.diagnosis.names_instead import names_of
 from highside.physics.forward import ForwardModel
 
 
 def beyond_first_order(session: LawSession, model: ForwardModel, found: Found, residual: Array) -> Array:
-    """(C, m) what names and laws do beyond first order, at the sizes that a search gave them."""
+    """(C, m) what names and laws do beyond first order, at the sizes that a search gave them, and what is free beside
+    them: a misalignment that the base fit had put in the place of a tilt acts on the load that the tilt moved."""
     reported = reported_laws(found, model.ids)
     named = {claim.effect: values_of_claim(session, model, claim) for claim in names_of(found, model)}
     # as the search has them, at the states that stand for the rows
@@ -23,7 +27,17 @@ def beyond_first_order(session: LawSession, model: ForwardModel, found: Found, r
         table, sizes = session.effect_columns(model, name, values)
         first = first + np.tensordot(sizes - sizes_in(session, model, name), table, 1)
     changed = (model.with_effects(named) if named else model).with_laws([one.law for one in reported])
-    return np.asarray(residual - session.residual(changed) - first)
+    fitted, _ = base_fit(changed, session.observed, session.free)
+    return _off_free(found.problem, residual - session.residual(fitted) - first)
+
+
+def _off_free(problem: LawProblem, values: Array) -> Array:
+    """Values (C, m) without what is free in a problem, which stands for itself."""
+    if not len(problem.free):
+        return values
+    columns = flattened(problem.free / problem.floor)
+    sizes = np.linalg.lstsq(columns.T, (values / problem.floor).reshape(-1), rcond=None)[0]
+    return np.asarray(values - np.tensordot(sizes, problem.free, 1))
 
 
 def sizes_in(session: LawSession, model: ForwardModel, effect: str) -> Array:

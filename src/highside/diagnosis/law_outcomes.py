@@ -45,8 +45,9 @@ class Outcome:
 
 def beside_random_walk(outcome: Outcome, model: ForwardModel) -> Outcome:
     """What is believed where a random walk of the zero offset was found: of what may be that walk, what gains enough
-    beside it by itself or together; and of all else what is worth its claim without what is not believed."""
-    if outcome.implausible:
+    beside it by itself or together; and of all else what is worth its claim without what is not believed. Of poses,
+    whose means are the values of the walk, what is worth its claim beside the noise is."""
+    if outcome.implausible or outcome.found.problem.every_pair:
         return outcome
     found = outcome.found
     for _ in range(len(found.terms)):

@@ -309,7 +309,8 @@ class Search(Steps):
         self.groups = [*self.groups, *(t.group for t in terms if t.group not in self.groups)]
         self.families = self.families.of(self.groups, self.families.barred)
         other = self._learn(terms, self.problem.residual)
-        return other if other.evidence > state.evidence - LAW_SEARCH.same_confounded else state
+        # of two that followed the time the functions of one quantity may leave the other nothing
+        return self._proved(other) if other.evidence > state.evidence - LAW_SEARCH.same_confounded else state
 
     def _found(self, state: State) -> Found:
         if not self.problem.every_pair and (more := elsewhere(self.problem, self.groups, state.terms)):
