@@ -315,7 +315,10 @@ def _alone(
             break
     if not found.terms:
         return Outcome((), (), found)
-    found = proved(with_names_instead(session, model, found, offered, refused))
+    found = proved(with_names_instead(session, model, unproved := found, offered, refused))
+    if not found.terms and any(len(t.group.axes) > 1 for t in unproved.terms):
+        # a surface may reproduce a few values and predict none of them: what curves do is behind it, and may be right
+        found = proved(with_names_instead(session, model, search.without_products().run(), offered, refused))
     names = names_of(found, model)
     outside = frozenset(claim.effect for claim in names if implausible(claim))
     told, ahead = with_free_rivals(names, found)

@@ -33,7 +33,8 @@ class LawGroupsPolicy:
     """Rows of a session, at most, over which functions are averaged; of more they are those of the mean. Source: 17
     functions of 360,000 rows take 0.1 s."""
     averaged_kept: int = 1000
-    """Covariates whose functions over cells are kept. Source: 60 MB of 3,000 cells; a search of 360,000 rows asks for 620."""
+    """Covariates whose functions over cells are kept. Source: 60 MB of 3,000 cells; a search of 360,000 rows asks for
+    620."""
     pairs: int = 20
     """Pairs of covariates that are tried side by side in a place, about. Source: the list of pairs."""
     steps: int = 48

@@ -41,6 +41,12 @@ class Search(Steps):
         made.families = self.families.without(lambda group: bool(group.effect))
         return made
 
+    def without_products(self) -> Search:
+        """The same search among laws of one quantity each, and names."""
+        made = copy(self)
+        made.families, made._tried = self.families.without(lambda group: len(group.axes) > 1), set()
+        return made
+
     def beside_names(self, names: Sequence[LawGroup]) -> Search:
         """The same search with further groups, effects of the library."""
         made = copy(self)
