@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from highside.arrays import Array
-from highside.diagnosis.claimed_values import around_onsets, beyond_first_order, sizes_in, values_of_claim
+from highside.diagnosis.claimed_values import around_onsets, beyond_first_order, is_large, sizes_in, values_of_claim
 from highside.diagnosis.core.finding_policy import FLOOR
 from highside.diagnosis.core.fit import base_fit
 from highside.diagnosis.core.problem import ReportData
@@ -22,7 +22,8 @@ from highside.diagnosis.identified_noise import with_identified_noise
 from highside.diagnosis.law_answers import beside_laws, location_of, told_implausible, told_unnamed
 from highside.diagnosis.law_outcomes import Outcome, above_rounding, beside_random_walk, without_leftovers
 from highside.diagnosis.law_sessions import LawSession
-from highside.diagnosis.laws.claims import ReportedLaw, cases_of_laws, heldout_of, proved, reported_laws
+from highside.diagnosis.laws.cases import cases_of_laws
+from highside.diagnosis.laws.claims import ReportedLaw, heldout_of, proved, reported_laws
 from highside.diagnosis.laws.effects import EffectGroup
 from highside.diagnosis.laws.found import Found
 from highside.diagnosis.laws.free_rivals import (
@@ -298,6 +299,10 @@ def _alone(
     posed = session.problem(model, residual)
     offered = [name for name in dict.fromkeys([*near, *sudden()]) if name not in refused]
     search = Search(posed, [*groups_of(posed), *(g for name in offered for g in name_groups(session, model, name))])
+    if is_large(session, residual):
+        # beside what a tilt of some degrees does beyond first order a search takes that for laws
+        beyond = beyond_first_order(session, model, search.strongest(), residual)
+        search = search.of_residual(residual - beyond)
     found = search.run()
     for _ in range(LAW_VERDICT.turns):
         if not found.terms:

@@ -11,6 +11,7 @@ from highside.diagnosis.core.result import Claim
 from highside.diagnosis.law_sessions import LawSession
 from highside.diagnosis.laws.claims import reported_laws
 from highside.diagnosis.laws.found import Found
+from highside.diagnosis.laws.policy import LAW_VERDICT
 from highside.diagnosis.laws.problem import LawProblem
 from highside.diagnosis.names_instead import names_of
 from highside.physics.forward import ForwardModel
@@ -29,6 +30,11 @@ def beyond_first_order(session: LawSession, model: ForwardModel, found: Found, r
     changed = (model.with_effects(named) if named else model).with_laws([one.law for one in reported])
     fitted, _ = base_fit(changed, session.observed, session.free)
     return _off_free(found.problem, residual - session.residual(fitted) - first)
+
+
+def is_large(session: LawSession, residual: Array) -> bool:
+    """Whether tilts as large as a residual (C, m) in g, of which half the square is beyond first order, would show."""
+    return float(np.sum((0.5 * residual**2 / session.floor) ** 2)) >= LAW_VERDICT.second_order
 
 
 def _off_free(problem: LawProblem, values: Array) -> Array:

@@ -18,6 +18,7 @@ from highside.diagnosis.laws.evidence import LawTerm, Whitened, raw_columns
 from highside.diagnosis.laws.formulas import Closed, closed_form
 from highside.diagnosis.laws.found import Found
 from highside.diagnosis.laws.groups import LawGroup, values_of
+from highside.diagnosis.laws.nested import joined, nested
 from highside.diagnosis.laws.policy import LAW_REPORT
 from highside.diagnosis.laws.readings import readings_of
 from highside.diagnosis.laws.separable import as_product
@@ -57,9 +58,14 @@ def reported_laws(found: Found, taken: Iterable[str] = ()) -> list[ReportedLaw]:
     numbers = [k for k, term in enumerate(terms) if not term.group.effect]
     formulas = {k: closed_form(found, white, terms, k) or as_product(found, white, terms, k) for k in numbers}
     sure = {k: closed for k, closed in formulas.items() if closed is not None and closed.law is not None}
+    parts = nested(terms, shares, sure)
+    inside = {j for own in parts.values() for j in own}
+    sure = {k: one for k, one in sure.items() if k not in inside}
     told, curves = told_together(white, terms, sure)
-    made = []
+    made = [_as_one(found, curves, covariance, [k, *own], ids) for k, own in parts.items()]
     for k in numbers:
+        if k in parts or k in inside:
+            continue
         closed, part = formulas[k], slice_of(found, terms, k)
         if k in told:
             assert closed is not None and closed.law is not None
@@ -74,6 +80,30 @@ def reported_laws(found: Found, taken: Iterable[str] = ()) -> list[ReportedLaw]:
         ids.add(law.id)
         made.append(ReportedLaw(law, _claim(found, white, terms, k, law, closed, shares[k], gains, effect), effect))
     return sorted(made, key=lambda one: -(one.claim.share or 0.0))
+
+
+def _as_one(
+    found: Found, curves: Mapping[int, Array], covariance: Array, numbers: list[int], ids: set[str]
+) -> ReportedLaw:
+    """Several terms as one law: the first, of which the others are a part, with their sum."""
+    white, terms, k = found.whitened(), list(found.terms), numbers[0]
+    laws = [_law(terms[i].group, curves[i], np.zeros((0, 0))) for i in numbers]
+    rows = np.concatenate([np.arange(covariance.shape[0])[slice_of(found, terms, i)] for i in numbers])
+    law = joined(laws, covariance[np.ix_(rows, rows)])
+    law = replace(law, slug=slug_beside(law.slug, ids))
+    ids.add(law.id)
+    effect = np.asarray(sum(np.tensordot(curves[i], raw_columns(found.problem, [terms[i]]), 1) for i in numbers))
+    kept = [i for i in range(len(terms)) if i not in numbers[1:]]
+    gains = {**dict(enumerate(found.gains)), k: found.gain_of(numbers)}
+    one = replace(
+        found,
+        terms=tuple(terms[i] for i in kept),
+        gains=tuple(gains[i] for i in kept),
+        classes=tuple(found.classes[i] for i in kept),
+    )
+    share = _share_of(white, terms, numbers)
+    gain = heldout(white, terms, *numbers)
+    return ReportedLaw(law, _claim(one, white, list(one.terms), kept.index(k), law, None, share, gain, effect), effect)
 
 
 def effects_of(found: Found, names: bool = False) -> dict[int, Array]:
@@ -110,13 +140,22 @@ def _law(group: LawGroup, mean: Array, covariance: Array) -> Law:
 
 def _shares(white: Whitened, terms: list[LawTerm]) -> list[float]:
     """Of the chi-square that all terms explain, the part that goes with each alone; they need not add up to one."""
-    none = _misfit(white, [])
-    all_of = none - _misfit(white, terms)
-    lost = [
-        _misfit(white, [t for i, t in enumerate(terms) if i != k]) - _misfit(white, terms) for k in range(len(terms))
-    ]
-    whole = max(all_of, sum(lost), 1e-12)
+    lost, whole = _lost(white, terms)
     return [max(0.0, float(one / whole)) for one in lost]
+
+
+def _share_of(white: Whitened, terms: list[LawTerm], numbers: Sequence[int]) -> float:
+    """The part that goes with several terms together."""
+    _, whole = _lost(white, terms)
+    others = [t for i, t in enumerate(terms) if i not in numbers]
+    return min(1.0, max(0.0, float((_misfit(white, others) - _misfit(white, terms)) / whole)))
+
+
+def _lost(white: Whitened, terms: list[LawTerm]) -> tuple[list[float], float]:
+    """The chi-square that is left more without each term, and all that they explain."""
+    left = _misfit(white, terms)
+    lost = [_misfit(white, [t for i, t in enumerate(terms) if i != k]) - left for k in range(len(terms))]
+    return lost, max(_misfit(white, []) - left, sum(lost), 1e-12)
 
 
 def _misfit(white: Whitened, terms: list[LawTerm]) -> float:
@@ -158,9 +197,10 @@ def heldout_of(found: Found) -> HeldOut:
     )
 
 
-def heldout(white: Whitened, terms: list[LawTerm], k: int) -> float:
-    """Nats of log likelihood that a term adds on values that no fit has used, beside the others."""
-    with_it, without = (_predicted(white, used) for used in (terms, [t for i, t in enumerate(terms) if i != k]))
+def heldout(white: Whitened, terms: list[LawTerm], *numbers: int) -> float:
+    """Nats of log likelihood that terms add on values that no fit has used, beside the others."""
+    others = [t for i, t in enumerate(terms) if i not in numbers]
+    with_it, without = (_predicted(white, used) for used in (terms, others))
     return 0.5 * (without - with_it)
 
 
@@ -245,32 +285,6 @@ def _agreement(white: Whitened, terms: list[LawTerm], k: int, effect: Array, par
     apart = sizes - common
     chi = float(apart @ np.linalg.pinv(np.linalg.pinv(weight) + LAW_REPORT.shape**2 * np.eye(sizes.size)) @ apart)
     return float(chdtrc(sizes.size - 1, chi))
-
-
-def cases_of_laws(found: Found) -> set[str]:
-    """Names among the terms of which a law among them could do nearly all: functions of the same, in the same place."""
-    white, terms = found.whitened(), list(found.terms)
-    mean, _ = white.posterior(terms)
-    free = flattened(white.free)
-    cases = set()
-    for k, term in enumerate(terms):
-        if not term.group.effect:
-            continue
-        does = np.tensordot(mean[slice_of(found, terms, k)], raw_columns(found.problem, [term]), 1)
-        target = white.whitener.white(does[None]).reshape(-1)
-        for law in terms:
-            if law.group.effect:
-                continue
-            own = white.whitener.white(raw_columns(found.problem, [law])).reshape(law.group.size, -1)
-            left = target - _projected(np.concatenate([free, own]), target)
-            alone = target - _projected(free, target)
-            if float(left @ left) < LAW_REPORT.case * float(alone @ alone):
-                cases.add(term.group.effect)
-    return cases
-
-
-def _projected(rows: Array, target: Array) -> Array:
-    return np.asarray(np.linalg.lstsq(rows.T, target, rcond=LAW_REPORT.ridge)[0] @ rows)
 
 
 def named_claim(found: Found, k: int, effect: Effect, known: Mapping[str, float]) -> Claim:

@@ -145,6 +145,9 @@ class LawSearchPolicy:
     the trial that set the method."""
     each: float = 6.0
     """Nats that each law must be worth where sets of them are compared. Source: as `LAW_VERDICT.each`."""
+    dominant: float = 0.9
+    """Share of the misfit that one law must explain for what it does beyond first order to be taken out before the
+    search. Source: chosen; what two laws of like size do beyond first order is not that of either."""
     most: int = 6
     """Laws of one session, at most. Source: chosen; decks have up to four."""
     most_first: int = 4

@@ -54,6 +54,19 @@ class Search(Steps):
         made.families = self.families.of(made.groups)
         return made
 
+    def strongest(self) -> Found:
+        """The one law that explains most beside the floor, with the noise learnt beside it; none that explains little
+        of the misfit: what it does beyond first order is then no more than a part of what others do."""
+        floor = State([], LawNoise.floor_alone(self.problem), -np.inf, self.problem.residual)
+        white = self._whitened(floor)
+        gains, priors = white.scores([], least=LAW_SEARCH.gain, within=LAW_SEARCH.simpler)
+        best = self._simplest(gains)
+        whole = 0.5 * float(np.sum((self.problem.residual / self.problem.floor) ** 2))
+        terms = [LawTerm(self.groups[best], priors[best])] if gains[best] >= LAW_SEARCH.dominant * whole else []
+        found = self._found(self._learn(self._varied(floor, terms), self.problem.residual))
+        self._tried = set()
+        return found
+
     def run(self) -> Found:
         """All starts; the highest evidence stays."""
         floor = LawNoise.floor_alone(self.problem)
