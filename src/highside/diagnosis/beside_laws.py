@@ -299,10 +299,9 @@ def _alone(
     posed = session.problem(model, residual)
     offered = [name for name in dict.fromkeys([*near, *sudden()]) if name not in refused]
     search = Search(posed, [*groups_of(posed), *(g for name in offered for g in name_groups(session, model, name))])
-    if is_large(session, residual):
+    if is_large(session, residual) and (first := search.strongest()).terms:
         # beside what a tilt of some degrees does beyond first order a search takes that for laws
-        beyond = beyond_first_order(session, model, search.strongest(), residual)
-        search = search.of_residual(residual - beyond)
+        search = search.of_residual(residual - beyond_first_order(session, model, first, residual))
     found = search.run()
     for _ in range(LAW_VERDICT.turns):
         if not found.terms:
