@@ -9,10 +9,11 @@ from highside.api.diagnosis import Diagnosis
 from highside.config.model import Model
 from highside.diagnosis.core.result import Claim, DiagnosisResult
 from highside.diagnosis.laws.acting import known_where_it_acted
-from highside.diagnosis.laws.evidence import Families, LawTerm, Prior, Whitened
+from highside.diagnosis.laws.evidence import Families, LawTerm, Whitened
 from highside.diagnosis.laws.groups import LawGroup, groups_of
 from highside.diagnosis.laws.noise import LawNoise, Whitener
 from highside.diagnosis.laws.onsets import Onsets, begun, sets_in
+from highside.diagnosis.laws.priors import Prior
 from highside.diagnosis.laws.problem import LawProblem
 from highside.diagnosis.laws.search import Search
 from highside.physics.law import Axis, Function, Law

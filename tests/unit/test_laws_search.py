@@ -10,12 +10,14 @@ from highside.diagnosis.core.fit import base_fit
 from highside.diagnosis.core.observed import Observed
 from highside.diagnosis.laws.chain import chain_problem
 from highside.diagnosis.laws.claims import reported_laws
-from highside.diagnosis.laws.evidence import Families, Whitened, best_priors
+from highside.diagnosis.laws.evidence import Families, LawTerm, Whitened
 from highside.diagnosis.laws.few_values_policy import FEW_VALUES
 from highside.diagnosis.laws.found import Found
 from highside.diagnosis.laws.groups import groups_of
 from highside.diagnosis.laws.noise import LadderNoise, LawNoise, Whitener, ladder_lengths, level_lengths
 from highside.diagnosis.laws.noise_policy import LAW_NOISE
+from highside.diagnosis.laws.policy import LAW_EVIDENCE
+from highside.diagnosis.laws.priors import best_priors
 from highside.diagnosis.laws.problem import LawProblem
 from highside.diagnosis.laws.search import Search
 from highside.physics.forward import ForwardModel
@@ -201,6 +203,31 @@ def test_no_other_prior_of_the_grid_does_better() -> None:
     whole = np.diag(1 / variances) + gram[0]
     want = 0.5 * (drive[0] @ np.linalg.solve(whole, drive[0]) - np.linalg.slogdet(whole)[1] - np.sum(np.log(variances)))
     assert gain[0] == pytest.approx(want, rel=1e-9)
+
+
+@pytest.mark.parametrize("kind", ["white", "random walk", "1/f", "set angles"])
+def test_groups_that_are_not_kept_whitened_score_the_same(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    state = session(6, 40)
+    posed = problem(state, PLAIN.predict(state) + 6 * offset_of_temp(state) + 6 * scale_of_temp(state))[1]
+    assert posed.jitter is not None
+    ones = np.ones(3)
+    noise = {
+        "white": LawNoise.floor_alone(posed),
+        "random walk": replace(LawNoise.floor_alone(posed), share=40 * ones, length=1e6 * ones),
+        "1/f": replace(LawNoise.floor_alone(posed), ladder=5 * ones),
+        "set angles": replace(LawNoise.floor_alone(posed), jitter=np.full(len(posed.jitter), 3 * SIGMA)),
+    }[kind]
+    found = []
+    for room in (10**9, 0):
+        monkeypatch.setitem(LAW_EVIDENCE.__dict__, "kept", room)
+        white = Whitened(Families(posed, groups_of(posed)), Whitener(posed, noise), posed.residual)
+        gains, priors = white.scores([], within=np.inf)
+        best = int(np.argmax(gains))
+        terms = [LawTerm(white.families.groups[best], priors[best])]
+        found.append(np.stack([gains, white.scores(terms, within=np.inf)[0]]))
+    assert np.isfinite(found[0]).any()
+    # functions of which the terms leave a millionth part have gains that rounding moves by some hundredths
+    np.testing.assert_allclose(found[1], found[0], rtol=1e-6, atol=0.1)
 
 
 @pytest.mark.parametrize("n", [60, 4500])

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from highside.diagnosis.laws.effects import EffectGroup
-from highside.diagnosis.laws.evidence import Families, LawTerm, Prior, Whitened, raw_columns_of
+from highside.diagnosis.laws.evidence import Families, LawTerm, Whitened, raw_columns_of
 from highside.diagnosis.laws.formulas import Closed
 from highside.diagnosis.laws.groups import groups_of
 from highside.diagnosis.laws.noise import LawNoise, Whitener
+from highside.diagnosis.laws.priors import Prior
 from highside.diagnosis.laws.together import told_together
 from highside.physics.law import Law
 from tests.unit.test_laws_variants import inclination_error, problem_of, session

@@ -14,13 +14,15 @@ from highside.diagnosis.core.observed import Observed
 from highside.diagnosis.laws import claims
 from highside.diagnosis.laws.chain import chain_problem
 from highside.diagnosis.laws.claims import heldout, proved, reported_laws
-from highside.diagnosis.laws.evidence import LawTerm, Prior
-from highside.diagnosis.laws.formulas import _fitted, forms_of
+from highside.diagnosis.laws.evidence import LawTerm
+from highside.diagnosis.laws.formulas import _fitted, _Form, _peaks_between, _Scored, forms_of
 from highside.diagnosis.laws.found import Found
 from highside.diagnosis.laws.groups import LawGroup, groups_of
+from highside.diagnosis.laws.priors import Prior
 from highside.diagnosis.laws.search import Search
 from highside.diagnosis.laws.separable import as_product
 from highside.physics.gravity import gravity_direction
+from highside.physics.law import Axis, Function
 from highside.physics.state import ChainState
 
 
@@ -83,6 +85,14 @@ def test_a_formula_is_told_only_where_the_curve_follows_nothing_else(seed: int) 
     assert true.law.formula and "exp(-((temp - 31.3" in true.law.formula
     for one in reported_laws(law_of_temp(seed, 2e-4)):
         assert not one.law.formula, one.law.formula
+
+
+def test_no_formula_does_far_more_where_nothing_was_measured() -> None:
+    """Of a bump at 30 C the foot alone was seen: how high it is nobody knows."""
+    bump, span = (Function("bump", (30.0, 2.0)),), Axis("temp", 0.0, 60.0, (Function("one"),))
+    form = _Scored(_Form("bump", [bump], 3), bump, np.array([0.5, 0.2]), np.eye(2), 0.0, np.zeros((3, 0)))
+    assert _peaks_between(form, span, np.array([*np.linspace(0, 24, 20), *np.linspace(36, 60, 20)]))
+    assert not _peaks_between(form, span, np.linspace(0, 60, 20))
 
 
 def of_two(temp: Array, inc: Array) -> Array:

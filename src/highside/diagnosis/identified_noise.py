@@ -40,7 +40,7 @@ def with_identified_noise(diagnosis: DiagnosisResult, found: Found) -> Diagnosis
         diagnosis = _identified(diagnosis, found)
     if diagnosis.verdict == "nothing_left_out":
         return _undecided_memory(_far_above_floor(_undecided_angles(diagnosis, found), found), found)
-    return diagnosis
+    return _of_one_axis(diagnosis, found) if diagnosis.verdict == "wander" else diagnosis
 
 
 def with_remembering_rows(
@@ -76,7 +76,9 @@ def _by_scatter_alone(diagnosis: DiagnosisResult) -> bool:
 def _identified(diagnosis: DiagnosisResult, found: Found) -> DiagnosisResult:
     noise = found.noise
     if noise.remembers and found.evidence > found.without_memory + LAW_VERDICT.memory:
-        return hinted(replace(diagnosis, verdict="wander"), f"what is left is taken for noise: {noise.summary()}")
+        made = replace(diagnosis, verdict="wander")
+        alone = _of_one_axis(made, found)
+        return alone if alone is not made else hinted(made, f"what is left is taken for noise: {noise.summary()}")
     repeats = float(noise.factor.max()) <= FLOOR.ratio
     if found.problem.n >= enough_poses() or usual(noise):
         repeats = repeats or found.to_the_floor > found.evidence - LAW_VERDICT.repeats
@@ -90,6 +92,22 @@ def _identified(diagnosis: DiagnosisResult, found: Found) -> DiagnosisResult:
         )
         return hinted(replace(diagnosis, verdict="not_testable"), words)
     return diagnosis
+
+
+def _of_one_axis(diagnosis: DiagnosisResult, found: Found) -> DiagnosisResult:
+    """A walk of one axis of a triad, many times larger than another's, may in few poses be what was left out of it."""
+    above, enough = found.noise.times_the_floor(found.problem), enough_poses()
+    worst, least = int(np.argmax(above)), int(np.argmin(above))
+    alone = above[worst] >= LAW_VERDICT.far_alone * max(float(above[least]), 1.0)
+    if found.problem.n >= enough or not alone:
+        return diagnosis
+    words = (
+        f"{found.problem.channels[worst]} scatters {above[worst]:.0f} times more than it repeats, and "
+        f"{found.problem.channels[least]} {max(float(above[least]), 1.0):.1f} times: the zero offset of one axis "
+        f"wanders, or something that acts on it was left out; record {enough} poses or more, at temperatures that rise "
+        "and fall"
+    )
+    return hinted(replace(diagnosis, verdict="not_testable", claims=()), words)
 
 
 def _undecided_angles(diagnosis: DiagnosisResult, found: Found) -> DiagnosisResult:

@@ -14,10 +14,11 @@ import numpy as np
 
 from highside.arrays import Array
 from highside.diagnosis.laws.edges_policy import EDGES
-from highside.diagnosis.laws.evidence import Families, LawTerm, Prior, Whitened
+from highside.diagnosis.laws.evidence import Families, LawTerm, Whitened
 from highside.diagnosis.laws.groups import SETS_IN, Bases, LawGroup, each_place
 from highside.diagnosis.laws.noise import LawNoise, Whitener
 from highside.diagnosis.laws.policy import LAW_GROUPS, LAW_SEARCH
+from highside.diagnosis.laws.priors import Prior
 from highside.diagnosis.laws.problem import LawProblem
 from highside.diagnosis.laws.variants import moved
 from highside.physics.covariates import COVARIATES, FILTERED

@@ -13,26 +13,10 @@ import numpy as np
 from highside.arrays import Array
 from highside.diagnosis.core.regression import flattened
 from highside.diagnosis.laws.groups import LawGroup
-from highside.diagnosis.laws.noise import Whitener, cholesky_and_half, evidence
+from highside.diagnosis.laws.noise import Whitener, evidence
 from highside.diagnosis.laws.policy import LAW_EVIDENCE, LAW_SEARCH
+from highside.diagnosis.laws.priors import Prior, best_priors, bound_of, shown_of
 from highside.diagnosis.laws.problem import LawProblem
-
-
-@dataclass(frozen=True)
-class Prior:
-    """Variance `size` (1 + (k / length)^2)^-power of a coefficient of order k."""
-
-    size: float
-    length: float
-
-    def variances(self, orders: Array) -> Array:
-        """(m,)."""
-        return np.asarray(self.size * falls(orders, self.length))
-
-
-def falls(orders: Array, length: float | Array) -> Array:
-    """How the prior falls with the order, beside its size."""
-    return np.asarray((1.0 + (orders / length) ** 2) ** -LAW_EVIDENCE.power)
 
 
 @dataclass(frozen=True)
@@ -163,15 +147,32 @@ class _WhiteFamilies:
                     self.whitener.channel(ch, own[:, k], out[:, k])
             yield out
 
+    def _raw(self, family: _Family) -> Iterator[Array]:
+        """(g m, c, n) columns of a few groups at a time, not whitened, on the channels that they act on."""
+        (count, size), n = family.orders.shape, self.problem.n
+        at_once = min(max(1, LAW_EVIDENCE.at_once // size), count)
+        room = np.empty((at_once * size, len(family.channels), n))
+        for i in range(0, count, at_once):
+            groups = family.groups[i : i + at_once]
+            for k, group in enumerate(groups):
+                room[k * size : (k + 1) * size] = group.columns()
+            yield room[: len(groups) * size]
+
     def _passed(self, several: Sequence[Array]) -> list[list[Array]]:
         """Of each of several sets of whitened rows (K, C, n) the inner products (G, m, K) with each part."""
         made: list[list[Array]] = [[] for _ in several]
+        across: list[Array] = []
         for k, family in enumerate(self._families.families):
             (count, size), channels = family.orders.shape, self._channels(family)
             rows = [one[:, channels].reshape(len(one), len(channels) * self.problem.n) for one in several]
             known = self._parts[k] if k < len(self._parts) else None
             if known is not None and known.columns is not None:
                 blocks: Iterable[Array] = [known.columns]
+            elif known is not None:
+                # the filter on one side twice: few rows go through it, and no column of a group
+                across = across or [self.whitener.transposed(one) for one in several]
+                rows = [one[:, family.channels].reshape(len(one), -1) for one in across]
+                blocks = self._raw(family)
             elif self._keep:
                 whole = np.empty((count * size, len(channels), self.problem.n))
                 for _ in self._columns(family, whole):
@@ -342,77 +343,6 @@ class Whitened:
                     gains[i] = gain[own] - part.family.tries[j]
                     priors[i] = Prior(float(size[own]), float(length[own]))
         return gains, priors
-
-
-def shown_of(before: Array, gram: Array, drive: Array) -> tuple[Array, Array]:
-    """What the terms leave of the groups, without the functions they take whole: what is left of those is rounding, and
-    may be negative."""
-    power = np.diagonal(gram, axis1=1, axis2=2)
-    shown = power > LAW_EVIDENCE.ridge * np.diagonal(before, axis1=1, axis2=2)
-    if shown.all():
-        return gram, drive
-    return gram * (shown[:, :, None] & shown[:, None, :]), drive * shown
-
-
-def bound_of(gram: Array, drive: Array) -> Array:
-    """(G,) nats that a best fit without any prior gains."""
-    power = np.diagonal(gram, axis1=1, axis2=2)
-    # what is free anyway leaves nothing of some functions
-    most = np.maximum(power.max(axis=1, keepdims=True), LAW_EVIDENCE.nothing)
-    size = np.sqrt(np.maximum(power, LAW_EVIDENCE.ridge * most))
-    unit = gram / size[:, :, None] / size[:, None, :] + LAW_EVIDENCE.ridge * np.eye(gram.shape[1])
-    along = drive / size
-    try:
-        return np.asarray(0.5 * np.sum(cholesky_and_half(unit, along)[1] ** 2, axis=1))
-    except np.linalg.LinAlgError:
-        # a difference of large numbers leaves values below zero by rounding
-        values, vectors = np.linalg.eigh(unit)
-        turned = np.einsum("gkv,gk->gv", vectors, along)
-        return np.asarray(0.5 * np.sum(turned**2 / np.maximum(values, LAW_EVIDENCE.ridge), axis=1))
-
-
-def best_priors(gram: Array, drive: Array, orders: Array, near: Array | float = -np.inf) -> tuple[Array, Array, Array]:
-    """Gain (G,), size and length of the best prior, from inner products (G, m, m) and (G, m) and orders (G, m).
-
-    Gain -inf: with one length of the prior the group stays so far behind `near` (G,) that none brings it there.
-    """
-    if len(gram) and orders.any() and np.any(np.isfinite(near)):
-        gain, size, length = _at_lengths(gram, drive, orders, (LAW_EVIDENCE.rough,))
-        gain = np.where(gain >= near - LAW_EVIDENCE.slack, gain, -np.inf)
-        worth = np.flatnonzero(np.isfinite(gain))
-        if worth.size:
-            others = tuple(one for one in LAW_EVIDENCE.lengths if one != LAW_EVIDENCE.rough)
-            more = _at_lengths(gram[worth], drive[worth], orders[worth], others)
-            better = more[0] > gain[worth]
-            for whole, own in zip((gain, size, length), more, strict=True):
-                whole[worth[better]] = own[better]
-        return gain, size, length
-    return _at_lengths(gram, drive, orders, LAW_EVIDENCE.lengths if orders.any() else LAW_EVIDENCE.lengths[:1])
-
-
-def _at_lengths(gram: Array, drive: Array, orders: Array, lengths: Sequence[float]) -> tuple[Array, Array, Array]:
-    sizes = np.array(LAW_EVIDENCE.sizes)
-    count = len(gram)
-    best = np.full(count, -np.inf)
-    best_size, best_length = np.ones(count), np.ones(count)
-    for length in lengths:
-        fall = np.sqrt(falls(orders, length))
-        turned = gram * fall[:, :, None] * fall[:, None, :]
-        values, vectors = np.linalg.eigh(turned)
-        values = np.maximum(values, 0.0)
-        along = np.einsum("gji,gj->gi", vectors, drive * fall) ** 2
-        # sizes are tried in units of what the noise lets the best seen combination be known by
-        unit = 1.0 / np.maximum(values[:, -1], LAW_EVIDENCE.nothing)
-        s = unit[:, None] * sizes
-        spread = 1.0 + s[:, :, None] * values[:, None, :]
-        gain = 0.5 * np.sum(s[:, :, None] * along[:, None, :] / spread - np.log(spread), axis=2)
-        where = np.argmax(gain, axis=1)
-        found = gain[np.arange(count), where]
-        better = found > best
-        best = np.where(better, found, best)
-        best_size = np.where(better, s[np.arange(count), where], best_size)
-        best_length = np.where(better, length, best_length)
-    return best, best_size, best_length
 
 
 def orthonormal(rows: Array) -> Array:

@@ -148,7 +148,12 @@ def closed_form(found: Found, white: Whitened, terms: list[LawTerm], k: int) -> 
     if 0.5 * (best.loss - curve) > LAW_FORMULAS.margin:
         return None
     left = _left_by_curve(white, terms, k)
-    scored = [one for one in scored if not fit.refuted((*one.functions, *constant), one.form.numbers, *left)]
+    scored = [
+        one
+        for one in scored
+        if not fit.refuted((*one.functions, *constant), one.form.numbers, *left)
+        and not _peaks_between(one, span, values)
+    ]
     if not scored:
         return None
     best = scored[0]
@@ -171,6 +176,14 @@ def closed_form(found: Found, white: Whitened, terms: list[LawTerm], k: int) -> 
         _text(best, name, bool(constant)),
     )
     return Closed(told, law, best.effect)
+
+
+def _peaks_between(one: _Scored, span: Axis, values: Array) -> bool:
+    """Whether a formula does far more between the values visited than at any of them: of that nothing was measured."""
+    axis = Axis(span.covariate, span.low, span.high, one.functions)
+    sizes = one.coefficients[: len(one.functions)]
+    between = sizes @ axis.basis(np.linspace(span.low, span.high, LAW_FORMULAS.between_values))
+    return bool(np.ptp(between) > LAW_FORMULAS.between * np.ptp(sizes @ axis.basis(values)))
 
 
 def _one_of_each(scored: list[_Scored]) -> list[_Scored]:

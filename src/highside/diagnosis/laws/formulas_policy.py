@@ -50,6 +50,12 @@ class LawFormulasPolicy:
     hundredth of what a number costs."""
     moves: int = 120
     """Fits of a formula with its numbers moved, at most. Source: chosen; two numbers settle in forty to eighty."""
+    between: float = 2.0
+    """Times what a formula does at the values visited that it may do between them. Source: chosen; a bump midway
+    between two values, its width half their distance, does 1.6. One that was touched at its foot alone had a height
+    of 2.5e16 (law/036 of 66ff7ef1)."""
+    between_values: int = 2000
+    """Values at which that is looked at. Source: a sixtieth of the least width of a bump."""
     edges: int = 128
     """Places of a step. Source: chosen; about as many as a session has stretches."""
 

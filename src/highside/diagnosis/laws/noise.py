@@ -122,6 +122,27 @@ class Whitener:
             return made
         return np.stack([self.channel(c, columns[:, c]) for c in range(self.problem.count)], axis=1)
 
+    def transposed(self, white: Array) -> Array:
+        """(k, C, n) the transposed filter on whitened rows: with `white`, the inverse covariance times the rows."""
+        if self.mixes:
+            made = np.empty(white.shape)
+            for i in range(len(self._lower) - 1, -1, -1):
+                left = white[:, i]
+                for j in range(i + 1, len(self._lower)):
+                    left = left - self._lower[j, i] * made[:, j]
+                made[:, i] = left / self._lower[i, i]
+            return made
+        return np.stack([self._transposed(c, white[:, c]) for c in range(self.problem.count)], axis=1)
+
+    def _transposed(self, c: int, rows: Array) -> Array:
+        """(k, n) the same of one channel."""
+        made = self._filters[c]
+        if made is None:
+            return np.asarray(rows / self._scale[c])
+        if isinstance(made, LadderNoise):
+            return np.asarray(transposed_by_ladders([made], rows[None])[0])
+        return np.asarray(made.transposed(rows[None])[0])
+
     def clipped(self, residual: Array, fitted: Array) -> Array:
         """The residual (C, n) with values far from the fit clipped to within `LAW_NOISE.clip`, where they are few."""
         left = self.white((residual - fitted)[None])[0]

@@ -14,22 +14,12 @@ import numpy as np
 
 from highside.arrays import Array
 from highside.diagnosis.core.regression import flattened
-from highside.diagnosis.laws.evidence import (
-    Families,
-    LawTerm,
-    Prior,
-    Whitened,
-    best_priors,
-    bound_of,
-    inverse_of,
-    prior_of,
-    raw_columns,
-    shown_of,
-)
+from highside.diagnosis.laws.evidence import Families, LawTerm, Whitened, inverse_of, prior_of, raw_columns
 from highside.diagnosis.laws.groups import Bases, LawGroup, axis_of, each_place
 from highside.diagnosis.laws.noise import Whitener
 from highside.diagnosis.laws.onsets_policy import ONSETS
 from highside.diagnosis.laws.policy import LAW_GROUPS, LAW_SEARCH
+from highside.diagnosis.laws.priors import Prior, best_priors, bound_of, shown_of
 from highside.diagnosis.laws.problem import CovariateValues, LawProblem, functions_of
 from highside.diagnosis.laws.variants import ONSET, onset_knots
 from highside.physics.law import Axis, Function
@@ -78,7 +68,10 @@ class Onsets:
         self._numbers = {(*base.kind[:2], base.axes): i for i, base in enumerate(self.bases)}
         self._raw, self._whitener, self._residual = residual, whitener, whitener.white(residual[None])
         self._free = whitener.white(problem.free)
+        self._always = _by_time(np.concatenate([self._free, self._residual]))
         self._white: dict[int, Array] = {}
+        self._known: dict[int, tuple[Array, Array]] = {}
+        """of each law from the times that are tried: its inner products, those with what is free and the residual"""
 
     def best(self, terms: Sequence[LawTerm]) -> list[Gained]:
         """Each law from its best time on beside the terms, and nats that it gains; the best first, none far behind."""
@@ -132,13 +125,12 @@ class Onsets:
         flat, prior = flattened(beside), prior_of(self.problem, list(terms))
         inverse = inverse_of(flat @ flat.T, prior)
         coefficients = inverse @ (flat @ self._residual.reshape(-1))
-        right = np.concatenate([beside, self._residual])
-        looked = []
+        looked, chosen = [], _by_time(beside[len(self._free) :])
         for i in which:
-            gram, across = self._inner(i, right, knots)
-            others = across[:, :, :-1]
+            gram, free, across = self._inner(i, chosen, knots)
+            others = np.concatenate([free[:, :, :-1], across], axis=2)
             left = gram - others @ inverse @ others.transpose(0, 2, 1)
-            shown = shown_of(gram, left, across[:, :, -1] - others @ coefficients)
+            shown = shown_of(gram, left, free[:, :, -1] - others @ coefficients)
             looked.append((i, *shown, bound_of(*shown)))
         found: list[Gained] = []
         best, tried = 0.0, 2 * self.knots.size
@@ -157,20 +149,32 @@ class Onsets:
                 best = max(best, gain)
         return sorted(found, key=lambda one: -one[0])
 
-    def _inner(self, i: int, right: Array, knots: Array) -> tuple[Array, Array]:
-        """Of a law from each time on the inner products (K, m, m) of its columns, and (K, m, P) with rows (P, C, n)."""
+    def _inner(self, i: int, terms: Array, knots: Array) -> tuple[Array, Array, Array]:
+        """Of a law from each time on the inner products (K, m, m) of its columns, (K, m, P + 1) with what is free and
+        the residual, and (K, m, Q) with terms (n, C, Q)."""
         if i not in self._white:
-            self._white[i] = self._whitener.white(raw_columns(self.problem, [LawTerm(self.bases[i], Prior(1.0, 1.0))]))
-        white = self._white[i]
-        m, n = white.shape[0], white.shape[2]
+            raw = raw_columns(self.problem, [LawTerm(self.bases[i], Prior(1.0, 1.0))])
+            self._white[i] = _by_time(self._whitener.white(raw))
+        white, known = self._white[i], self._known.get(i) if knots is self.knots else None
+        if known is None:
+            known = self._after(white, white, knots), self._after(white, self._always, knots)
+            if knots is self.knots:
+                self._known[i] = known
+        return *known, self._after(white, terms, knots)
+
+    def _after(self, white: Array, right: Array, knots: Array) -> Array:
+        """(K, m, Q) inner products of columns (n, C, m) with others (n, C, Q) over the values after each time."""
         starts = np.searchsorted(self.problem.covariates["time"], knots)
-        every = np.concatenate([white, right])
-        parts = []
-        for first, last in zip(starts, [*starts[1:], n], strict=True):
-            own = white[:, :, first:last].reshape(m, -1)
-            parts.append(own @ every[:, :, first:last].reshape(len(every), -1).T)
-        after = np.cumsum(np.stack(parts)[::-1], axis=0)[::-1]
-        return after[:, :, :m], after[:, :, m:]
+        parts = np.empty((knots.size, white.shape[2], right.shape[2]))
+        for k, (first, last) in enumerate(zip(starts, [*starts[1:], len(white)], strict=True)):
+            own = white[first:last].reshape(-1, white.shape[2])
+            parts[k] = own.T @ right[first:last].reshape(len(own), right.shape[2])
+        return np.asarray(np.cumsum(parts[::-1], axis=0)[::-1])
+
+
+def _by_time(rows: Array) -> Array:
+    """(K, C, n) -> (n, C, K): what is summed over a stretch of time lies together."""
+    return np.ascontiguousarray(rows.transpose(2, 1, 0))
 
 
 def _boundaries(t_s: Array) -> Array:

@@ -368,6 +368,10 @@ class LawVerdictPolicy:
     leftover: float = 0.02
     """Share of the misfit below which a name found beside laws is a part of these that their functions leave. Source: a
     surface of seven by seven functions left 0.011 of a product with an edge, which was named (law/021 of 06f31f0a)."""
+    far_alone: float = 10.0
+    """Scatter of one axis above its floor, in units of another's, from which a walk of it alone may be something left
+    out. Source: as `most_left`; laws of one axis in 14 poses, of strengths 400 to 405,000, left 15 to 263 (law/120 of
+    6724e666)."""
     memory: float = 12.0
     """Nats by which noise that is correlated from pose to pose must be ahead of noise that is not, to be what is left.
     Source: as `LawSearchPolicy.gain`."""

@@ -12,7 +12,7 @@ from highside.arrays import Array
 from highside.diagnosis.laws.between import with_plain_temperature
 from highside.diagnosis.laws.classes import class_of
 from highside.diagnosis.laws.edges import several_edges
-from highside.diagnosis.laws.evidence import LawTerm, Prior
+from highside.diagnosis.laws.evidence import LawTerm
 from highside.diagnosis.laws.few_values_policy import FEW_VALUES
 from highside.diagnosis.laws.found import Found
 from highside.diagnosis.laws.groups import LawGroup
@@ -21,6 +21,7 @@ from highside.diagnosis.laws.onsets import Onsets, begun
 from highside.diagnosis.laws.other_than_time import without_time
 from highside.diagnosis.laws.pairs import elsewhere, further_pairs
 from highside.diagnosis.laws.policy import LAW_SEARCH
+from highside.diagnosis.laws.priors import Prior
 from highside.diagnosis.laws.state import State, which
 from highside.diagnosis.laws.steps import Steps
 

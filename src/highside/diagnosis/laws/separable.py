@@ -12,12 +12,13 @@ import numpy as np
 
 from highside.arrays import Array
 from highside.diagnosis.core.regression import flattened
-from highside.diagnosis.laws.evidence import LawTerm, Prior, Whitened, best_priors, inverse_of, orthonormal
+from highside.diagnosis.laws.evidence import LawTerm, Whitened, inverse_of, orthonormal
 from highside.diagnosis.laws.formulas import Closed, loss_of_curve
 from highside.diagnosis.laws.formulas_policy import LAW_FORMULAS, LAW_SEPARABLE
 from highside.diagnosis.laws.found import Found
 from highside.diagnosis.laws.groups import LawGroup, values_of
 from highside.diagnosis.laws.policy import LAW_GROUPS, LAW_REPORT
+from highside.diagnosis.laws.priors import Prior, best_priors
 from highside.diagnosis.laws.variants import fine_axes, orders_of
 from highside.physics.law import Axis, Law
 
