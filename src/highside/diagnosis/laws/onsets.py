@@ -184,10 +184,11 @@ def _boundaries(t_s: Array) -> Array:
 
 
 def begun(
-    onsets: Onsets, whitened: Whitened, groups: Sequence[LawGroup]
+    onsets: Onsets, whitened: Whitened, groups: Sequence[LawGroup], *, first_of_all: bool = False
 ) -> Iterator[tuple[list[LawTerm], list[LawGroup]]]:
     """Sets of terms under one noise, one more from set to set, of which one at least sets in midway; and what else may
-    stand in their place. `whitened`: the other groups under the same noise, which are taken where they gain more."""
+    stand in their place. `whitened`: the other groups under the same noise, which are taken where they gain more; with
+    `first_of_all` there are no sets where one of them gains most."""
     terms: list[LawTerm] = []
     others: list[LawGroup] = []
     while len(terms) < ONSETS.most:
@@ -199,6 +200,8 @@ def begun(
             return
         # a law that acts all the time claims less
         ahead = late - gains[k] > (0.0 if "time" in groups[k].depends_on else LAW_SEARCH.variant)
+        if first_of_all and not (terms or ahead):
+            return
         if ahead:
             others += [term.group for _, term in found[1:]]
         terms = [*terms, found[0][1] if ahead else LawTerm(groups[k], priors[k])]

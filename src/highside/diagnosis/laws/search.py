@@ -281,7 +281,9 @@ class Search(Steps):
             onsets = Onsets(self.problem, Whitener(self.problem, noise), first.residual)
             if not onsets.knots.size:
                 return first
-            for terms, others in begun(onsets, self._whitened(state), self.groups):
+            # of many values the colour of the noise is known: what sets in, where nothing was found, is found first
+            first_of_all = not (first.terms or self.problem.every_pair) and first.noise.remembers
+            for terms, others in begun(onsets, self._whitened(state), self.groups, first_of_all=first_of_all):
                 state = self._learn(terms, self.problem.residual)
                 if state.less_tries > best.less_tries:
                     best, groups = state, [t.group for t in terms] + others
