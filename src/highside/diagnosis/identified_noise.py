@@ -96,16 +96,15 @@ def _identified(diagnosis: DiagnosisResult, found: Found) -> DiagnosisResult:
 
 def _of_one_axis(diagnosis: DiagnosisResult, found: Found) -> DiagnosisResult:
     """A walk of one axis of a triad, many times larger than another's, may in few poses be what was left out of it."""
-    above, enough = found.noise.times_the_floor(found.problem), enough_poses()
+    above, enough, channels = found.noise.times_the_floor(found.problem), enough_poses(), found.problem.channels
     worst, least = int(np.argmax(above)), int(np.argmin(above))
     alone = above[worst] >= LAW_VERDICT.far_alone * max(float(above[least]), 1.0)
     if found.problem.n >= enough or not alone:
         return diagnosis
     words = (
-        f"{found.problem.channels[worst]} scatters {above[worst]:.0f} times more than it repeats, and "
-        f"{found.problem.channels[least]} {max(float(above[least]), 1.0):.1f} times: the zero offset of one axis "
-        f"wanders, or something that acts on it was left out; record {enough} poses or more, at temperatures that rise "
-        "and fall"
+        f"{channels[worst]} scatters {above[worst]:.0f} times more than it repeats, and {channels[least]} "
+        f"{max(float(above[least]), 1.0):.1f} times: the zero offset of one axis wanders, or something that acts on it "
+        f"was left out; record {enough} poses or more, at temperatures that are not in order"
     )
     return hinted(replace(diagnosis, verdict="not_testable", claims=()), words)
 

@@ -112,6 +112,11 @@ ANSWERS = (
     ),
     said_later("%(channel)s scatters %(above)s times more than it repeats"),
     said_later(
+        "%(channel)s scatters %(above)s times more than it repeats, and %(other)s %(least)s times: the zero offset of "
+        "one axis wanders, or something that acts on it was left out; record %(enough)s poses or more, at temperatures "
+        "that are not in order"
+    ),
+    said_later(
         "%(channel)s scatters %(above)s times more than it repeats: in %(poses)s poses this cannot be distinguished "
         "from something that the angles follow; record %(enough)s poses or more, or each pose several times"
     ),

@@ -148,12 +148,8 @@ def closed_form(found: Found, white: Whitened, terms: list[LawTerm], k: int) -> 
     if 0.5 * (best.loss - curve) > LAW_FORMULAS.margin:
         return None
     left = _left_by_curve(white, terms, k)
-    scored = [
-        one
-        for one in scored
-        if not fit.refuted((*one.functions, *constant), one.form.numbers, *left)
-        and not _peaks_between(one, span, values)
-    ]
+    scored = [one for one in scored if not _peaks_between(one, span, values)]
+    scored = [one for one in scored if not fit.refuted((*one.functions, *constant), one.form.numbers, *left)]
     if not scored:
         return None
     best = scored[0]
