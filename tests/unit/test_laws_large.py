@@ -1,9 +1,15 @@
 """Laws of any size are the same laws, through the command: cases of the open world on which something was mended."""
 
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
+from test_laws_search import PLAIN, problem, session
 
+from highside.diagnosis.laws.claims import size_beside_free
+from highside.diagnosis.laws.evidence import Families, Whitened
+from highside.diagnosis.laws.noise import LawNoise, Whitener
 from studies.open_world import judging, score
 
 SEED = "66ff7ef17a204d806ec138e48a9793a8c0c0dbe3"
@@ -25,6 +31,20 @@ SEED = "66ff7ef17a204d806ec138e48a9793a8c0c0dbe3"
 def test_what_is_told_of_a_law_is_told_of_a_larger_one(name: str, tmp_path: Path) -> None:
     row = score.run_case(score.every_case(SEED, ("sweep",))[name](), tmp_path)
     assert judging.judged(row)["in_class"]
+
+
+def test_a_law_is_no_larger_than_the_misfit_that_it_is() -> None:
+    """Under a random walk offsets were let go, and a tilt of 38 mg of misfit had a size of 71 mg."""
+    state = session(3, 40)
+    effect = PLAIN.pose_sensitivity(state)[:, 0] * 3e-3 * np.tanh((state.temp_c - 35) / 4)
+    posed = problem(state, PLAIN.predict(state) + effect)[1]
+    wandering = replace(LawNoise.floor_alone(posed), share=np.full(3, 1e4), length=np.full(3, 1e6))
+    left = []
+    for noise in (LawNoise.floor_alone(posed), wandering):
+        white = Whitened(Families(posed, []), Whitener(posed, noise), posed.residual)
+        left.append(size_beside_free(white, effect, (0, 1, 2))[0])
+    misfit = float(np.sqrt(np.mean(posed.residual**2)))
+    assert left == pytest.approx([misfit, misfit], rel=0.02)
 
 
 @pytest.mark.parametrize("name", ["null/006", "null/052", "null/066"])

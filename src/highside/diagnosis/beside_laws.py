@@ -107,7 +107,16 @@ def with_laws(
     parts = {name: part for name, part in report.parts.items() if any(c.effect == name for c in outcome.names)}
     for part in [*(c.effect for c in outcome.names if c.effect not in known), *(one.law.id for one in outcome.laws)]:
         parts[part] = np.asarray(session.observed.residual(final.without(part)) - after)
-    return made, replace(report, after=after, parts=parts)
+    return made, replace(report, after=after, parts=parts, sigma=_noise_beside(session, report, outcome.found))
+
+
+def _noise_beside(session: LawSession, report: ReportData, found: Found) -> tuple[float, ...]:
+    """Noise of one row of each channel, that learnt beside the laws where these leave less: without them a law of poses
+    was in it. Where a value stands for many rows it stays what it was."""
+    if session.floor.shape != report.before.shape or len(report.sigma) != len(session.floor):
+        return report.sigma
+    own = found.noise.times_the_floor(found.problem) * np.sqrt(np.mean(session.floor**2, axis=1))
+    return tuple(float(min(one, known)) for one, known in zip(own, report.sigma, strict=True))
 
 
 def _unnamed(

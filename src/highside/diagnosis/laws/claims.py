@@ -417,14 +417,23 @@ def to_vary(depends_on: Sequence[str], rivals: Iterable[str]) -> str:
 
 def size_beside_free(white: Whitened, effect: Array, channels: tuple[int, ...]) -> tuple[float, float]:
     """Rms of a contribution (C, n) over its channels, less what bias, scale and all that is free takes of it, and the
-    standard deviation of that as a factor of the shape. A curve's own band also holds what is free takes of it."""
-    free = flattened(white.free).T
+    standard deviation of that as a factor of the shape. A curve's own band also holds what is free takes of it.
+
+    What is free takes is that of a base fit, beside the floor: under noise that wanders an offset would be let go, and
+    the law be larger than the misfit it explains.
+    """
+    problem = white.families.problem
     own = white.whitener.white(effect[None])[0].reshape(-1)
-    absorbed = np.linalg.lstsq(free, own, rcond=None)[0] if free.size else np.zeros(0)
-    strength = float(np.sum((own - free @ absorbed) ** 2))
-    left = effect - np.tensordot(absorbed, white.families.problem.free, 1)
+    strength = float(np.sum((own - _projected(flattened(white.free), own)) ** 2))
+    free = flattened(problem.free / problem.floor)
+    left = effect - _projected(free, (effect / problem.floor).reshape(-1)).reshape(effect.shape) * problem.floor
     rms = float(np.sqrt(np.mean(left[list(channels)] ** 2)))
     return rms, rms / float(np.sqrt(max(strength, 1.0)))
+
+
+def _projected(rows: Array, target: Array) -> Array:
+    """What rows (k, m) take of a target (m,) by least squares."""
+    return np.asarray(np.linalg.lstsq(rows.T, target, rcond=None)[0] @ rows) if len(rows) else np.zeros_like(target)
 
 
 def curve_of(found: Found, group: LawGroup, law: Law) -> Curve:
