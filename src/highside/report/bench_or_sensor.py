@@ -23,6 +23,8 @@ from highside.physics.effect import Stage
 from highside.physics.effects import all_effects
 from highside.physics.forward import ForwardModel
 from highside.physics.state import ChainState
+from highside.report.diagnosis_claims import claim_title
+from highside.report.diagnosis_words import sizes as sizes_of
 from highside.units import STANDARD_GRAVITY_MPS2
 from highside.version import __version__
 from highside.words import Said, said, said_later
@@ -74,6 +76,11 @@ def bench_or_sensor(columns: PoseColumns, joint: Solution | None, *, gravity_mps
         for claim in diagnosis.claims:
             if claim.effect == "base_tilt" and any("not level" in finding.text for finding in found):
                 continue  # the joint calibration has said so already
+            if claim.effect not in effects:
+                # a law, of the poses that have a place in the library's chain
+                text = said("%(effect)s: %(sizes)s", effect=claim_title(claim), sizes=sizes_of(claim))
+                found.append(ErrorOrigin(_WHERE[Stage(claim.stage)], text))
+                continue
             effect = effects[claim.effect]
             sizes = ", ".join(f"{name} = {p.value:.3g} ± {p.std:.1g} {p.unit}" for name, p in claim.parameters.items())
             alike = [name for name in claim.equivalence_class if name != claim.effect]
