@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from highside.cli.main import main
+from highside.cli.commands import run
 from highside.config.users import Role
 from highside.web.signin.acts import Acts, Person
 from highside.web.signin.chain import ChainedLines
@@ -99,16 +99,10 @@ def test_two_processes_write_one_chain(tmp_path: Path) -> None:
     assert (found.lines, found.trouble) == (100, "")
 
 
-def test_the_command_says_so(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_command_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     lines = made(tmp_path, 3)
-    monkeypatch.setattr("sys.argv", ["highside", "users", "acts", "--file", str(lines.path)])
-    with pytest.raises(SystemExit) as ended:
-        main()
-    assert ended.value.code in (0, None) and "3 acts in 1 file, as written" in capsys.readouterr().out
+    asked = ["users", "acts", "--file", str(lines.path)]
+    assert run(asked) == 0 and "3 acts in 1 file, as written" in capsys.readouterr().out
     lines.path.write_text(lines.path.read_text().replace("act 1", "act 7"))
-    with pytest.raises(SystemExit) as ended:
-        main()
-    assert ended.value.code == 1
+    assert run(asked) == 1
     assert "acts.jsonl line 2 does not follow" in capsys.readouterr().err

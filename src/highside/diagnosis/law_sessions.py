@@ -106,6 +106,8 @@ class ChainSession:
     """how much later than the time zero of the claims its first value is"""
     orders: tuple[float, ...] = ()
     """of the turn, at which the readings have a line"""
+    measured: bool = True
+    """whether the floor was measured"""
     looked_at: LibraryColumns = field(default_factory=list, compare=False, repr=False)
 
     @classmethod
@@ -113,10 +115,10 @@ class ChainSession:
         """Each pose a value; its floor is the scatter of its rows."""
         mean = session.mean
         least = LAW_FLOOR.least * float(np.sqrt(np.mean(mean**2)))
-        floor = np.full(mean.shape, least)
+        floor, known = np.full(mean.shape, least), session.floor is not None
         if session.floor is not None:
             floor = np.maximum(floor, session.floor.sigma)
-        return cls(session.state, mean, tuple(free), ("ax", "ay", "az"), floor, OF_POSES, None, True)
+        return cls(session.state, mean, tuple(free), ("ax", "ay", "az"), floor, OF_POSES, None, True, measured=known)
 
     @classmethod
     def of_rotation(cls, session: RotationSession, free: Sequence[str], residual: Array) -> ChainSession:
@@ -213,6 +215,7 @@ class ChainSession:
             jitter=jitter,
             orders=self.orders,
             every_pair=self.cells is None,
+            measured=self.measured,
             among=None if self.cells is None else AllRows(self.state, self.cells.mean),
         )
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from highside.calibration.method import Solution
 from highside.calibration.record import PoseColumns
+from highside.diagnosis.core.floor import floor_of_table
 from highside.diagnosis.core.result import DiagnosisResult
 from highside.diagnosis.engine import ReportData, diagnose_poses
 from highside.diagnosis.poses.policy import POSE_SESSIONS
@@ -149,7 +150,7 @@ def _diagnose(
         state = ChainState.from_columns(table, gravity_mps2=gravity_mps2 or STANDARD_GRAVITY_MPS2)
         mean = np.stack([np.asarray(columns[name], dtype=float) for name in ("ax", "ay", "az")])
         readings = np.asarray(columns.get("n", [1.0] * count), dtype=float)
-        session = PoseSession(mean, readings, state)
+        session = PoseSession(mean, readings, state, floor=floor_of_table(columns))
         diagnosis, report_data = diagnose_poses(session, ForwardModel.of({}), FREE, version=__version__)
     except HighsideError as error:
         return None, None, str(error)

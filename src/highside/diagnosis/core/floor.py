@@ -13,11 +13,11 @@ noise: an error of a set angle acts across gravity and leaves the magnitude alon
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from highside.arrays import Array
 from highside.diagnosis.core.finding_policy import FLOOR
@@ -25,6 +25,9 @@ from highside.diagnosis.core.regression import outside, span
 from highside.special import fdtrc
 
 Ints = NDArray[np.intp]
+
+SPREADS = ("std_ax", "std_ay", "std_az")
+"""columns of a table of means: the standard deviation of one reading"""
 
 
 @dataclass(frozen=True)
@@ -110,6 +113,17 @@ def floor_of_means(values: Array, rows: Sequence[Ints]) -> NoiseFloor | None:
             mean = mean + rounding_variance(step)
         sigma[c], freedom = np.sqrt(np.maximum(mean, FLOOR.least**2)), min(freedom, known)
     return NoiseFloor(sigma, freedom)
+
+
+def floor_of_table(columns: Mapping[str, ArrayLike], at: Ints | slice = slice(None)) -> NoiseFloor | None:
+    """The floor (3, n) of the rows `at` of a table of means, by the spread of one reading in g (`std_ax`, `std_ay`,
+    `std_az`) and the number of readings (`n`, else 1) that it gives of each; None where it gives no spread."""
+    if not all(name in columns for name in SPREADS):
+        return None
+    spread = np.stack([np.asarray(columns[name], dtype=float)[at] for name in SPREADS])
+    count = np.asarray(columns["n"], dtype=float)[at] if "n" in columns else np.ones(spread.shape[1])
+    sigma = np.maximum(spread / np.sqrt(count), FLOOR.least)
+    return NoiseFloor(sigma, float(np.sum(np.maximum(count - 1, 1))))
 
 
 def _of_a_row(channel: Array, rows: Sequence[Ints]) -> tuple[float, float]:

@@ -99,6 +99,7 @@ def chain_problem(
     jitter: Array | None = None,
     orders: tuple[float, ...] = (),
     every_pair: bool = False,
+    measured: bool = True,
     among: AllRows | None = None,
 ) -> LawProblem:
     """The problem of a residual (C, n) beside what is free (P, C, n), of states that may stand for more rows."""
@@ -119,4 +120,5 @@ def chain_problem(
         names,
         orders,
         every_pair=every_pair,
+        measured=measured,
     )

@@ -55,7 +55,8 @@ def forms_of(name: str, values: Array) -> Iterator[_Form]:
         yield _Form("dent", [(Function("dent", (float(c), w)),) for c, w in dents], 3)
         return
     yield _Form("linear", [(Function("linear", (0.0 if zero else low + width / 2,)),)], 1)
-    if name == "tf_fraction" or np.unique(np.round((values - low) / width / LAW_GROUPS.distinct)).size < LAW_GROUPS.few:
+    visited = np.unique(np.round((values - low) / width / LAW_GROUPS.distinct))
+    if name == "tf_fraction" or visited.size < LAW_GROUPS.few:
         # two values show no more than the difference between them
         return
     for power in LAW_FORMULAS.powers:
@@ -74,8 +75,11 @@ def forms_of(name: str, values: Array) -> Iterator[_Form]:
     if name == "time":
         starts = [low, *inner[1:-1]]
         yield _Form("decay", [(Function("decay", (c, w)),) for c in starts for w in widths], 3)
-    periods = [width / k for k in LAW_FORMULAS.waves]
-    yield _Form("sine", [(Function("sine", (p,)), Function("cosine_of", (p,))) for p in periods], 3)
+    # with fewer values over its period a wave is whatever passes through them
+    apart = float(np.median(np.diff(visited))) * LAW_GROUPS.distinct * width
+    periods = [width / k for k in LAW_FORMULAS.waves if width / k >= LAW_FORMULAS.sampled * apart]
+    if periods:
+        yield _Form("sine", [(Function("sine", (p,)), Function("cosine_of", (p,))) for p in periods], 3)
     yield _Form("bump", [(Function("bump", (c, w)),) for c in inner for w in widths[: LAW_FORMULAS.narrow]], 3)
     yield _Form("saturation", [(Function("saturation", (c, w)),) for c in {*zero, *inner[1:-1]} for w in widths], 3)
 

@@ -26,6 +26,9 @@ class LawFormulasPolicy:
     """Of these the ones that a bump may have. Source: a wider one is a power."""
     waves: tuple[float, ...] = (1.0, 1.25, 1.5, 1.75, 2.0, 2.5, 3.0, 3.5, 4.0, 5.0, 6.0, 7.0, 8.0, 10.0, 12.0)
     """Waves over the range that a sine may have. Source: chosen; half a wave apart at first."""
+    sampled: float = 3.0
+    """Values visited over a period of a sine that is tried, at least. Source: two show no wave; one inclination of
+    seven that was off was told as a sine of 2.9 values over its period."""
     orders: int = 12
     """Whole orders of toolface. Source: as many as groups have."""
     alike: int = 6

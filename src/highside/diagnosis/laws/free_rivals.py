@@ -106,7 +106,7 @@ def beside_laws(found: Found) -> bool:
 def leaves_most(found: Found) -> bool:
     """Whether a law may be hidden in what was learned as noise: in errors of the set angles larger than a bench makes,
     or in readings that scatter far more than their floor says, where that is known. Of stepped sessions."""
-    known = found.problem.every_pair and float(np.ptp(found.problem.floor)) > 0.0
+    known = found.problem.every_pair and found.problem.measured
     far = known and float(found.noise.factor.max()) > LAW_VERDICT.most_left
     return far or may_hide_a_law(found.noise, found.problem.n)
 

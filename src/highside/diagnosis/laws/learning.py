@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from highside.arrays import Array
 from highside.diagnosis.core.markov import LevelNoise
-from highside.diagnosis.core.regression import flattened
-from highside.diagnosis.laws.evidence import LawTerm, raw_columns_of
+from highside.diagnosis.core.regression import flattened, outside
+from highside.diagnosis.laws.evidence import LawTerm, orthonormal, raw_columns_of
 from highside.diagnosis.laws.groups import LawGroup
 from highside.diagnosis.laws.noise import (
     LadderNoise,
@@ -398,9 +398,11 @@ def _with_jitter(problem: LawProblem, both: Array, prior: Array, to_the_floor: b
     """White noise and errors of the set angles, which mix the channels."""
     ways = np.empty((0, *problem.residual.shape)) if problem.jitter is None else problem.jitter
     kinds = len(ways)
+    level = 1.0 if problem.measured or to_the_floor else _level_left(problem, both)
     # one unit of an angle's error is as large as the floor
-    unit = [float(np.sqrt(np.mean(problem.floor**2) / max(float(np.mean(way**2)), 1e-30))) for way in ways]
+    unit = [level * float(np.sqrt(np.mean(problem.floor**2) / max(float(np.mean(way**2)), 1e-30))) for way in ways]
     noise = LawNoise.floor_alone(problem)
+    noise = replace(noise, factor=level * noise.factor)
 
     known: dict[tuple[float, ...], float] = {}
 
@@ -423,10 +425,19 @@ def _with_jitter(problem: LawProblem, both: Array, prior: Array, to_the_floor: b
             found = [of(one) for one in tries]
             noise, best = tries[int(np.argmax(found))], max(found)
         for c in () if to_the_floor else range(problem.count):
-            tries = [replace(noise, factor=_put(noise.factor, c, f)) for f in LAW_NOISE.white]
+            tries = [replace(noise, factor=_put(noise.factor, c, level * f)) for f in LAW_NOISE.white]
             found = [of(one) for one in tries]
             noise, best = tries[int(np.argmax(found))], max(found)
     return noise, best
+
+
+def _level_left(problem: LawProblem, both: Array) -> float:
+    """What white noise is tried in units of where no floor was measured, in units of the floor: a share of what a fit
+    of all columns leaves, which are the first of `both`."""
+    *columns, left = flattened(both / problem.floor)
+    space = orthonormal(np.array(columns))
+    left = outside(space, left)
+    return max(1.0, LAW_NOISE.of_what_is_left * float(np.sqrt(left @ left / max(left.size - len(space), 1))))
 
 
 def _put(values: Array, index: int, value: float) -> Array:

@@ -17,6 +17,9 @@ class LawNoisePolicy:
     third of the values of the shortest sessions."""
     white: tuple[float, ...] = (1.0, 1.1, 1.2, 1.35, 1.5, 1.75, 2.0, 2.5, 3.0, 4.0, 6.0, 10.0, 20.0, 50.0)
     """White noise tried beside errors of the set angles, in units of the floor. Source: chosen; a wide grid."""
+    of_what_is_left: float = 0.1
+    """Share of what a fit leaves that is the unit of these where no floor was measured. Source: chosen; they then reach
+    from a tenth of it to five times as much."""
     shares: tuple[float, ...] = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 1e3, 1e4, 1e6)
     """Variances of a level that forgets, in units of the white noise's. Source: chosen, wide, as in the trial."""
     lengths: tuple[float, ...] = (0.5, 1.0, 2.0, 5.0, 10.0, 30.0, 100.0, 300.0, 1e3)

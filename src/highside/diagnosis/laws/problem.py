@@ -146,6 +146,8 @@ class LawProblem:
     """noise may have a memory from value to value"""
     every_pair: bool = False
     """products of any two covariates are tried, not of the usual ones alone: of few values they cost little"""
+    measured: bool = True
+    """whether the floor was measured; else it is what rounding leaves"""
 
     @property
     def n(self) -> int:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from highside.arrays import Array
 from highside.calibration.still_intervals import StillInterval, find_still_intervals, labelled_intervals
-from highside.diagnosis.core.floor import NoiseFloor, floor_of_means
+from highside.diagnosis.core.floor import SPREADS, NoiseFloor, floor_of_means, floor_of_table
 from highside.diagnosis.core.policy import INTERVALS
 from highside.diagnosis.core.result import DiagnosisResult, Finding, NotTestable, Remainder
 from highside.diagnosis.magnitude.policy import MAGNITUDE_SESSIONS
@@ -266,12 +266,10 @@ def _session(
 
 def _floor(columns: Mapping[str, Array], accel_g: Array, rows: list[Ints]) -> NoiseFloor | None:
     """How well the magnitudes repeat: by their rows, or of a table of averages by what it says of them."""
-    stds = [columns[name] for name in ("std_ax", "std_ay", "std_az") if name in columns]
-    if len(stds) == len(accel_g) and all(r.size == 1 for r in rows):
-        at = np.array([r[0] for r in rows])
-        count = columns["n"][at] if "n" in columns else np.ones(at.size)
-        one = np.sqrt(np.mean(np.square(stds), axis=0))[at]
-        return NoiseFloor((one / np.sqrt(count))[None], float(np.sum(np.maximum(count - 1, 1))))
+    if len(accel_g) == len(SPREADS) and all(r.size == 1 for r in rows):
+        floor = floor_of_table(columns, np.array([r[0] for r in rows]))
+        if floor is not None:
+            return NoiseFloor(np.sqrt(np.mean(floor.sigma**2, axis=0))[None], floor.freedom)
     return floor_of_means(np.linalg.norm(accel_g, axis=0)[None], rows)
 
 

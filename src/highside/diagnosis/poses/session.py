@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from highside.arrays import Array
 from highside.calibration.still_intervals import find_still_intervals
 from highside.diagnosis.core.fit import base_fit
-from highside.diagnosis.core.floor import NoiseFloor, floor_of_means
+from highside.diagnosis.core.floor import NoiseFloor, floor_of_means, floor_of_table
 from highside.diagnosis.core.observed import Observed
 from highside.diagnosis.core.outlying import outlying_findings
 from highside.diagnosis.core.result import Finding
@@ -155,7 +155,10 @@ def pose_session(
         scatter = np.stack([accel_g[:, rows].std(axis=1, ddof=1) for rows in groups], axis=1)
     step_s = float(np.median(np.diff(columns["t_s"]))) if columns["t_s"].size > 1 else 1.0
     within = within_poses(accel_g, groups, step_s)
-    floor, rows = floor_of_means(accel_g, groups), HeldRows.of(accel_g, groups, columns["t_s"])
+    floor = floor_of_means(accel_g, groups)
+    if floor is None and all(rows.size == 1 for rows in groups):
+        floor = floor_of_table(columns, np.concatenate(groups))
+    rows = HeldRows.of(accel_g, groups, columns["t_s"])
     return PoseSession(mean, count, state, scatter, floor, within, _stops(columns), rows)
 
 
