@@ -6,7 +6,8 @@ import tracemalloc
 
 import numpy as np
 
-from highside.diagnosis.law_sessions import ChainSession, cells_of
+from highside.diagnosis.law_cells import cells_of
+from highside.diagnosis.law_sessions import ChainSession
 from highside.diagnosis.rows.session import RotationSession
 from highside.physics.effects import get
 from highside.physics.forward import ForwardModel

@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from highside.diagnosis.law_sessions import ChainSession, cells_of
+from highside.diagnosis.law_cells import CellMeans, cells_of
+from highside.diagnosis.law_sessions import ChainSession
 from highside.diagnosis.laws.policy import LAW_CELLS
 from highside.diagnosis.laws.problem import functions_of
 from highside.diagnosis.rows.session import RotationSession, rotation_session
@@ -97,5 +98,32 @@ def test_a_function_over_cells_is_the_mean_of_what_it_is_at_their_rows() -> None
     axis = Axis("temp", -10.0, 50.0, tuple(Function("wide_cosine", (float(k),)) for k in (1, 9, 16)))
     made = functions_of(problem.covariates, axis)
     exact = cells_of(rows).mean(axis.basis(np.asarray(state.temp_c)))
-    np.testing.assert_allclose(made, exact, atol=1e-12)
+    np.testing.assert_allclose(made, exact, atol=2e-4)
+    slow = replace(axis, functions=axis.functions[:1])
+    made_slow, exact_slow = functions_of(problem.covariates, slow), exact[:1]
+    np.testing.assert_allclose(made_slow, exact_slow, atol=1e-4)
     assert np.abs(made - axis.basis(problem.covariates["temp"])).max() > 0.01
+
+
+@pytest.mark.parametrize("kind", ["even", "skewed", "of two values", "of one value"])
+def test_few_nodes_stand_for_all_rows_of_a_cell(kind: str) -> None:
+    """Nodes and weights give the mean of a smooth function over rows; of few values they are these."""
+    rng = np.random.default_rng(1)
+    number = np.concatenate([np.arange(300), rng.integers(0, 300, 20_000)])
+    cells = CellMeans(number, np.bincount(number).astype(float), np.arange(300))
+    middle = rng.uniform(0.0, 360.0, 300)[number]
+    away = {
+        "even": rng.uniform(-6.0, 6.0, number.size),
+        "skewed": rng.exponential(2.0, number.size),
+        "of two values": np.where(rng.random(number.size) < 0.3, 1.0, -2.0),
+        "of one value": np.zeros(number.size),
+    }[kind]
+    values = middle + away
+    at, weights, spread = cells.nodes(values)
+    np.testing.assert_allclose(spread**2, np.maximum(cells.mean(values**2) - cells.mean(values) ** 2, 0.0), atol=1e-6)
+    np.testing.assert_allclose(weights.sum(axis=0), 1.0, atol=1e-12)
+    for power in range(6):
+        exact = cells.mean((values / 360.0) ** power)
+        np.testing.assert_allclose(np.sum((at / 360.0) ** power * weights, axis=0), exact, rtol=1e-9, atol=1e-12)
+    exact = cells.mean(np.cos(np.radians(4.0 * values)))
+    np.testing.assert_allclose(np.sum(np.cos(np.radians(4.0 * at)) * weights, axis=0), exact, atol=1e-5)

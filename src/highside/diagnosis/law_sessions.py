@@ -1,15 +1,11 @@
-"""Sessions with known attitudes as the search for laws sees them: poses as they are, rows averaged in cells.
-
-A cell is a sector of toolface within some turns at one rate: what follows the toolface keeps its shape, what is slow
-its time, and averaging loses no strength. A few thousand values stand for any number of rows.
-"""
+"""Sessions with known attitudes as the search for laws sees them: poses as they are, rows averaged in cells."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,13 +15,13 @@ from highside.diagnosis.core.candidates import shapes_tried, step_times
 from highside.diagnosis.core.fit import base_fit
 from highside.diagnosis.core.floor import lattice_step, rounding_error
 from highside.diagnosis.core.observed import ObservationModel, Observed
+from highside.diagnosis.law_cells import CellMeans, cells_of, sectors_of
 from highside.diagnosis.laws.chain import OF_POSES, OF_ROTATION, AllRows, chain_problem, covariate_values, unit_law
 from highside.diagnosis.laws.groups import HISTORY
 from highside.diagnosis.laws.noise import step_of
-from highside.diagnosis.laws.policy import LAW_CELLS, LAW_FLOOR
+from highside.diagnosis.laws.policy import LAW_FLOOR
 from highside.diagnosis.laws.problem import CovariateValues, LawProblem, PlaceField, fields_that_act
 from highside.diagnosis.poses.session import PoseSession
-from highside.physics.covariates import covariate
 from highside.physics.effect import Effect
 from highside.physics.forward import ForwardModel
 from highside.physics.law import LawEffect
@@ -43,50 +39,8 @@ Effects = Mapping[str, Mapping[str, float]]
 OF_MAGNITUDES = ("offset", "scale", "scale_all", "matrix")
 
 
-AVERAGED = (
-    "inc_rad",
-    "temp_c",
-    "rotor_rate_radps",
-    "rotor_accel_radps2",
-    "inc_rate_radps",
-    "vibration_rms_g",
-    "vibration_x_rms_g",
-    "vibration_y_rms_g",
-    "vibration_z_rms_g",
-)
-"""of a state, what is averaged over a cell as it is"""
 LibraryColumns = list[tuple[ForwardModel, list[tuple[str, Array]]]]
 """a model, and what effects of the library do beside it, by id: made when first asked for"""
-
-
-@dataclass(frozen=True)
-class CellMeans:
-    """Means over cells of rows: `number` (n,) of each row's cell, in time order; -1 for a row of none."""
-
-    number: Ints
-    count: Array
-    """(m,) rows of each"""
-    middle: Ints
-    """(m,) the row that stands for a cell"""
-
-    def mean(self, values: Array) -> Array:
-        """(..., n) -> (..., m)."""
-        used = self.number >= 0
-        flat = values.reshape(-1, values.shape[-1])
-        sums = [np.bincount(self.number[used], weights=row[used], minlength=self.count.size) for row in flat]
-        return np.asarray((np.stack(sums) / self.count).reshape(*values.shape[:-1], self.count.size))
-
-    def state(self, state: ChainState) -> ChainState:
-        """The states of the cells: what varies within one is its mean, as its reading is; of the rest the middle row's.
-
-        A function of the middle row alone departs from the mean reading to first order, which strong laws show.
-        """
-        made = state.rows(self.middle)
-        away = state.tf_rad - made.tf_rad[np.maximum(self.number, 0)]
-        away = (away + np.pi) % (2 * np.pi) - np.pi
-        averaged: dict[str, Any] = {name: self.mean(np.asarray(getattr(state, name), dtype=float)) for name in AVERAGED}
-        extra = {name: self.mean(np.asarray(values, dtype=float)) for name, values in state.extra.items()}
-        return replace(made, tf_rad=made.tf_rad + self.mean(np.asarray(away)), extra=extra, **averaged)
 
 
 @dataclass(frozen=True)
@@ -126,7 +80,7 @@ class ChainSession:
         from highside.diagnosis.rotation.lines import found_orders
 
         orders = found_orders(session, residual)
-        cells = cells_of(session, _sectors(session, orders))
+        cells = cells_of(session, sectors_of(session, orders))
         # a cell of one row has no scatter within
         used = (cells.number >= 0) & (cells.count[np.maximum(cells.number, 0)] > 1)
         within = residual - cells.mean(residual)[:, np.maximum(cells.number, 0)]
@@ -216,7 +170,7 @@ class ChainSession:
             orders=self.orders,
             every_pair=self.cells is None,
             measured=self.measured,
-            among=None if self.cells is None else AllRows(self.state, self.cells.mean),
+            among=None if self.cells is None else AllRows(self.state, self.cells),
         )
 
     def derivatives(self, model: ForwardModel, wanted: Sequence[tuple[Effect, Array]]) -> list[Array]:
@@ -224,26 +178,57 @@ class ChainSession:
         gyros = len(self.channels) > len("xyz")
         if self.cells is None:
             return model.derivatives(self.state, wanted, gyros=gyros)
-        # what remembers, or follows the clock, does so from the first row on
-        early = [_from_the_first_row(effect) for effect, _ in wanted]
-        own, others = (
-            [one for one, is_early in zip(wanted, early, strict=True) if is_early is k] for k in (True, False)
-        )
+        own, others = ([one for one in wanted if one[0].remembers is k] for k in (True, False))
+        # what remembers does so from row to row, and what follows the clock from the first row on
         of_all = iter(model.derivatives(self.state, own, gyros=gyros, rows=self.cells.middle) if own else [])
-        of_cells = iter(model.derivatives(self.reduced_state, others, gyros=gyros) if others else [])
-        return [next(of_all if is_early else of_cells) for is_early in early]
+        after_first = np.arange(1, self.cells.count.size + 1)
+        of_cells = iter(model.derivatives(self._since_first, others, gyros=gyros, rows=after_first) if others else [])
+        return [next(of_all if effect.remembers else of_cells) for effect, _ in wanted]
+
+    @cached_property
+    def _since_first(self) -> ChainState:
+        """The first row, and the states of the cells."""
+        assert self.cells is not None
+        return self.cells.state(self.state, since_first=True)
 
     def effect_columns(self, model: ForwardModel, effect: str, values: dict[str, float]) -> tuple[Array, Array]:
         """(k, C, m) what one unit of each amplitude of an effect does, and the amplitudes' values (k,)."""
         known = model.effect(effect)
         shape = {p.name: values.get(p.name, p.default) for p in known.shapes}
         names = [known.parameters[k].name for k in known.amplitudes]
-        if any(p.epoch for p in known.shapes):
-            # what sets in within a cell acts on a part of its rows, of which their mean time knows nothing
-            columns = self.reduced(self.observed.columns(model, known, shape))
+        epochs = [p.name for p in known.shapes if p.epoch]
+        if epochs and self.cells is not None:
+            columns = self._setting_in(model, known, shape, epochs)
         else:
             columns = self.reduced_observed.columns(model, known, shape)
         return columns, np.array([values.get(name, 0.0) for name in names])
+
+    def _setting_in(self, model: ForwardModel, effect: Effect, shape: dict[str, float], epochs: list[str]) -> Array:
+        """(k, C, m) by the amplitudes of an effect that sets in: within a cell it acts on a part of its rows, of which
+        their mean time knows nothing."""
+        assert self.cells is not None
+        if effect.remembers:
+            return self.reduced(self.observed.columns(model, effect, shape))
+        all_cells = Observed(self._since_first, np.zeros((len(self.channels), self.cells.count.size + 1)))
+        columns = all_cells.columns(model, effect, shape)[..., 1:]
+        first, last = self._ends
+        onsets = np.array([shape[name] for name in epochs])[:, None]
+        within = np.any((first < onsets) & (onsets <= last), axis=0)
+        if within.any():
+            rows, mean = self.cells.within(within)
+            own = Observed(self.state.rows(np.concatenate([[0], rows])), np.zeros((len(self.channels), rows.size + 1)))
+            columns[..., within] = mean(own.columns(model, effect, shape)[..., 1:])[..., within]
+        return columns
+
+    @cached_property
+    def _ends(self) -> tuple[Array, Array]:
+        """(m,) seconds since the first row at the first and at the last row of each cell."""
+        assert self.cells is not None
+        elapsed, used = self.state.t_s - self.state.t_s[0], self.cells.number >= 0
+        first, last = np.full(self.cells.count.size, np.inf), np.zeros(self.cells.count.size)
+        np.minimum.at(first, self.cells.number[used], elapsed[used])
+        np.maximum.at(last, self.cells.number[used], elapsed[used])
+        return first, last
 
     def shapes_of(self, effect: Effect) -> list[dict[str, float]]:
         """The values of an effect's shapes that are tried; one without any where it has none, none for a line of a
@@ -370,80 +355,3 @@ class LawSession(Protocol):
     def derivatives(self, model: ForwardModel, wanted: Sequence[tuple[Effect, Array]]) -> list[Array]: ...
     def effect_columns(self, model: ForwardModel, effect: str, values: dict[str, float]) -> tuple[Array, Array]: ...
     def shapes_of(self, effect: Effect) -> list[dict[str, float]]: ...
-
-
-def _from_the_first_row(effect: Effect) -> bool:
-    """Whether what it does at a row depends on those before it, or on the time since the first."""
-    if isinstance(effect, LawEffect):
-        return effect.remembers or any(covariate(name).clock for name in effect.law.depends_on)
-    return effect.remembers or "t_s" in effect.needs
-
-
-def _sectors(session: RotationSession, orders: Sequence[float]) -> int:
-    """Sectors of a turn in which lines of these orders keep their size, as far as the rows tell sectors apart."""
-    turning = np.abs(session.state.rotor_rate_radps) * session.step_s
-    most = 2 * np.pi / max(float(np.median(turning)), 1e-9)
-    wanted = min(LAW_CELLS.a_wave * max(orders, default=0.0), most)
-    return max(LAW_CELLS.sectors, round(wanted))
-
-
-def cells_of(session: RotationSession, sectors: int = LAW_CELLS.sectors) -> CellMeans:
-    """Sectors of toolface within some turns at one rate; where rows are few each is its own.
-
-    Where a rate that never rests would leave nearly every row a cell of its own, sectors and then rates are wider: the
-    cost of a search is that of its cells.
-    """
-    n = session.n
-    rows = np.arange(n)
-    kept = np.ones(n, dtype=bool) if session.omitted is None else ~session.omitted
-    if n <= LAW_CELLS.most:
-        number = np.where(kept, np.cumsum(kept) - 1, -1)
-        return CellMeans(number, np.ones(int(kept.sum())), rows[kept])
-    number, count = _numbered(session, kept, sectors, 1)
-    while count.size > LAW_CELLS.limit and sectors > LAW_CELLS.sectors:
-        sectors = max(LAW_CELLS.sectors, sectors // 2)
-        number, count = _numbered(session, kept, sectors, 1)
-    for wider in LAW_CELLS.wider:
-        if count.size <= LAW_CELLS.limit:
-            break
-        number, count = _numbered(session, kept, sectors, wider)
-    # the row in the middle of a cell stands for it, and says where it stands in time: rows of one cell lie turns apart
-    used = number >= 0
-    by_cell = np.argsort(number[used], kind="stable")
-    starts = np.concatenate([[0], np.cumsum(count)[:-1]])
-    middle = rows[used][by_cell[starts + count // 2]]
-    order = np.argsort(middle, kind="stable")
-    place = np.empty_like(order)
-    place[order] = np.arange(order.size)
-    number = np.where(used, place[np.maximum(number, 0)], -1)
-    count, middle = count[order], middle[order]
-    return CellMeans(number, count.astype(float), middle)
-
-
-def _numbered(session: RotationSession, kept: NDArray[np.bool_], sectors: int, wider: int) -> tuple[Ints, Ints]:
-    """Number (n,) of each row's cell, -1 for one that is left out, and the rows of each. A cell ends where the rate has
-    changed; with rates `wider` than usual it goes on when the rate is back."""
-    state, turn = session.state, 2 * np.pi
-    angle = state.tf_rad - state.tf_rad.min()
-    sector = np.floor(np.mod(angle, turn) / turn * sectors).astype(int)
-    way = np.cumsum(np.abs(np.diff(angle, prepend=angle[:1]))) / turn
-    rate = state.rotor_rate_radps
-    level = np.round(rate / max(wider * LAW_CELLS.rate * float(np.abs(rate).max()), 1e-12)).astype(int)
-    blocks = max(2, LAW_CELLS.most // sectors)
-    each = max(1.0, float(way[-1]) / blocks)
-    seconds = max(float(state.t_s[-1] - state.t_s[0]), 1e-9) / blocks
-    # a block ends after so many turns, after so long, or where the rate changes
-    block = (
-        np.floor(way / each).astype(int),
-        np.floor((state.t_s - state.t_s[0]) / seconds / LAW_CELLS.slow).astype(int),
-    )
-    borders = (np.diff(block[0], prepend=0) != 0) | (np.diff(block[1], prepend=0) != 0)
-    if wider > 1:
-        of_rate = level - level.min()
-        run = np.cumsum(borders).astype(np.int64) * (int(of_rate.max()) + 1) + of_rate
-    else:
-        run = np.cumsum(borders | (np.diff(level, prepend=level[:1]) != 0)).astype(np.int64)
-    key = run * sectors + sector
-    _, number, count = np.unique(np.where(kept, key, -1), return_inverse=True, return_counts=True)
-    number = number.reshape(-1)
-    return (number, count) if kept.all() else (number - 1, count[1:])

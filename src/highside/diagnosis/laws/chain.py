@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from highside.arrays import Array
 from highside.diagnosis.laws.problem import CovariateValues, LawProblem, PlaceField, fields_that_act
@@ -41,12 +43,32 @@ def place_fields(model: ForwardModel, state: ChainState, places: Sequence[str], 
     ]
 
 
+class Rows(Protocol):
+    """What takes all rows (N,) to the values that stand for them."""
+
+    def mean(self, values: Array) -> Array: ...
+    def nodes(self, values: Array) -> tuple[Array, Array, Array]: ...
+    def within(self, wanted: NDArray[np.bool_]) -> tuple[NDArray[np.intp], Callable[[Array], Array]]: ...
+
+
 @dataclass(frozen=True)
 class AllRows:
-    """All rows (N,) of a session that fewer values stand for: `mean` takes (..., N) to these."""
+    """All rows (N,) of a session that fewer values stand for, and what takes them to these."""
 
     state: ChainState
-    mean: Callable[[Array], Array]
+    cells: Rows
+
+    def mean(self, values: Array) -> Array:
+        """(..., N) to (..., n)."""
+        return self.cells.mean(values)
+
+    def nodes(self, values: Array) -> tuple[Array, Array, Array]:
+        """Of values (N,) nodes and weights (k, n) of the means of smooth functions of them, and their scatter (n,)."""
+        return self.cells.nodes(values)
+
+    def within(self, wanted: NDArray[np.bool_]) -> tuple[NDArray[np.intp], Callable[[Array], Array]]:
+        """The rows (M,) for which the values `wanted` (n,) stand, and what takes (..., M) to (..., n)."""
+        return self.cells.within(wanted)
 
     @property
     def n(self) -> int:

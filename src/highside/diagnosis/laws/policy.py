@@ -35,6 +35,12 @@ class LawGroupsPolicy:
     averaged_kept: int = 1000
     """Covariates whose functions over cells are kept. Source: 60 MB of 3,000 cells; a search of 360,000 rows asks for
     620."""
+    by_nodes: float = 2.0
+    """rad by which the fastest function of a covariate turns over one standard deviation within a cell, up to which its
+    mean is taken from six nodes. Source: of values that are spread evenly it is right to 2e-5 there."""
+    nodes_kept: int = 200
+    """Covariates whose nodes within cells are kept. Source: 90 MB of 4,500 cells; lags are asked for a few times in
+    a row."""
     pairs: int = 20
     """Pairs of covariates that are tried side by side in a place, about. Source: the list of pairs."""
     steps: int = 48
@@ -313,6 +319,14 @@ class LawCellsPolicy:
     bins: int = 6
     """Bins of a channel's prediction beside another program's output. Source: chosen; a factor keeps 0.97 of what its
     field is in the means of a sixth."""
+    alike: float = 1e-12
+    """Standard deviation of a covariate within a cell, beside its mean, from which its values differ. Source: rounding
+    of squares."""
+    nodes: int = 6
+    """Values of a covariate from which the mean of a smooth function over a cell is taken. Source: `by_nodes`."""
+    further: float = 1e-4
+    """Root mean square of the next orthogonal polynomial of a covariate's values within a cell, beside that of the
+    last, from which there is a further node. Source: of as many values as nodes it is zero but for rounding."""
     slow: float = 4.0
     """How many times longer than the mean a block may last. Source: chosen; at rest no turn ends it."""
 

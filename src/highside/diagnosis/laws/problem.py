@@ -6,10 +6,10 @@ each place, the covariates, and a noise floor that does not come from the misfit
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,6 +51,23 @@ def fields_that_act(fields: Iterable[PlaceField]) -> tuple[PlaceField, ...]:
     return tuple(one for one, size in zip(fields, sizes, strict=True) if size > least)
 
 
+POLYNOMIALS = frozenset({"one", "straight", "square", "linear"})
+
+
+def fastest_phase(axis: Axis) -> float:
+    """By how many rad the fastest function of an axis turns in a unit of its covariate; 0 where all are polynomials,
+    infinite where one has a corner or a step, or has a narrow place."""
+    width = (axis.high - axis.low) or 1.0
+    turns = [0.0]
+    for function in axis.functions:
+        if function.kind in POLYNOMIALS:
+            continue
+        number = function.numbers[0] if function.numbers else 0.0
+        each = {"cosine": np.pi / width, "wide_cosine": np.pi / width, "cos": np.pi / 180.0, "sin": np.pi / 180.0}
+        turns.append(abs(number) * each.get(function.kind, np.inf) if number else np.inf)
+    return float(max(turns))
+
+
 class CovariateValues(dict[str, Array]):
     """Covariates by name: (n,), or (3, n) where one differs from axis to axis; of values that follow one another in
     time the temperature of any lag too, which is not listed. Raises KeyError for what is not known.
@@ -64,21 +81,47 @@ class CovariateValues(dict[str, Array]):
         self._t_s, self._among = t_s, among
         self._lagging: dict[str, Array] = {}
         self._functions: dict[Axis, Array] = {}
+        self._nodes: dict[str, tuple[Array, Array, Array] | None] = {}
 
     def functions(self, axis: Axis) -> Array | None:
         """(m, n) the functions of an axis, means over rows; None where that is not known."""
-        name = axis.covariate
         if self._among is None or self._among.n > LAW_GROUPS.averaged_rows:
             return None
         if axis not in self._functions:
-            values = self._lagged(name) if lag_of(name) else self._among.of(name)
-            if values is None:
+            made = self._mean_of(axis)
+            if made is None:
                 return None
             # the last stay: products share them
-            for oldest in list(self._functions)[: max(0, len(self._functions) + 1 - LAW_GROUPS.averaged_kept)]:
-                del self._functions[oldest]
-            self._functions[axis] = np.asarray(self._among.mean(axis.basis(values)))
+            self._functions[axis] = made
+            _limited(self._functions, LAW_GROUPS.averaged_kept)
         return self._functions[axis]
+
+    def _mean_of(self, axis: Axis) -> Array | None:
+        """(m, n) means over rows of an axis' functions; of smooth ones from a few nodes of each value's rows."""
+        assert self._among is not None
+        name = axis.covariate
+        fastest = fastest_phase(axis)
+        if fastest == np.inf:
+            values = self._of_rows(name)
+            return None if values is None else np.asarray(self._among.mean(axis.basis(values)))
+        if name not in self._nodes:
+            values = self._of_rows(name)
+            self._nodes[name] = None if values is None else self._among.nodes(values)
+            _limited(self._nodes, LAW_GROUPS.nodes_kept)
+        nodes = self._nodes[name]
+        if nodes is None:
+            return None
+        at, weights, spread = nodes
+        found = np.sum(axis.basis(at.reshape(-1)).reshape(-1, *at.shape) * weights, axis=1)
+        wide = fastest * spread > LAW_GROUPS.by_nodes
+        if wide.any() and (values := self._of_rows(name)) is not None:
+            rows, mean = self._among.within(wide)
+            found[:, wide] = mean(axis.basis(values[rows]))[:, wide]
+        return np.asarray(found)
+
+    def _of_rows(self, name: str) -> Array | None:
+        assert self._among is not None
+        return self._lagged(name) if lag_of(name) else self._among.of(name)
 
     def spread_of_times(self) -> Array | None:
         """(n,) standard deviation in s of the times of the rows of each value; None where a value is a row."""
@@ -102,6 +145,12 @@ class CovariateValues(dict[str, Array]):
         return self._lagging[name]
 
 
+def _limited(kept: dict[Any, Any], most: int) -> None:
+    """Without the oldest beyond so many."""
+    for oldest in list(kept)[: max(0, len(kept) - most)]:
+        del kept[oldest]
+
+
 class RowValues(Protocol):
     """All rows (N,) that fewer values stand for."""
 
@@ -112,6 +161,12 @@ class RowValues(Protocol):
 
     def mean(self, values: Array) -> Array:
         """(..., N) to (..., n)."""
+
+    def nodes(self, values: Array) -> tuple[Array, Array, Array]:
+        """Of values (N,) nodes and weights (k, n) of the means of smooth functions, and their scatter (n,)."""
+
+    def within(self, wanted: NDArray[np.bool_]) -> tuple[NDArray[np.intp], Callable[[Array], Array]]:
+        """The rows (M,) for which the values `wanted` (n,) stand, and what takes (..., M) to (..., n)."""
 
 
 def functions_of(covariates: Mapping[str, Array], axis: Axis, own: int = -1) -> Array:
