@@ -11,6 +11,8 @@ from highside.api.simulation import simulate
 from highside.config.model import Model
 from highside.physics.state import ChainState
 
+FURTHER = pytest.mark.further
+
 MOTION = {"kind": "poses", "inclinations_deg": [10.0, 35.0, 60.0, 85.0, 110.0, 140.0], "hold_s": 10.0, "row_s": 1.0}
 TILT_RAD = np.radians(0.2)
 
@@ -98,7 +100,10 @@ def beside_a_law(seed: int, tilt_deg: float) -> dict[str, np.ndarray]:
     return {"inc_ref_deg": inc, "tf_ref_deg": tf, "temp_c": temp, "ax": read[0], "ay": read[1], "az": read[2]}
 
 
-@pytest.mark.parametrize(("true_deg", "seed"), [(0.0, 1), (0.0, 3), (0.05, 2), (0.1, 2)])
+@pytest.mark.parametrize(
+    ("true_deg", "seed"),
+    [(0.0, 1), pytest.param(0.0, 3, marks=FURTHER), (0.05, 2), pytest.param(0.1, 2, marks=FURTHER)],
+)
 def test_beside_a_law_a_size_that_the_simulation_has_wrong_is_named_with_the_right_one(
     seed: int, true_deg: float
 ) -> None:

@@ -12,6 +12,8 @@ from highside.diagnosis.laws.evidence import Families, Whitened
 from highside.diagnosis.laws.noise import LawNoise, Whitener
 from studies.open_world import judging, score
 
+FURTHER = pytest.mark.further
+
 SEED = "66ff7ef17a204d806ec138e48a9793a8c0c0dbe3"
 
 
@@ -25,7 +27,7 @@ SEED = "66ff7ef17a204d806ec138e48a9793a8c0c0dbe3"
         "sweep/004/10000000",
         "sweep/004/100000",
         # a law of time taken for one of temperature left another nothing, and both were lost
-        "sweep/122/10000",
+        pytest.param("sweep/122/10000", marks=FURTHER),
     ],
 )
 def test_what_is_told_of_a_law_is_told_of_a_larger_one(name: str, tmp_path: Path) -> None:

@@ -6,6 +6,8 @@ import pytest
 
 from studies.open_world import judging, score
 
+FURTHER = pytest.mark.further
+
 WHERE_ROWS_ARE = "06f31f0a752188b81e127ebd1beb876e580300d2"
 PAIRS = "66ff7ef17a204d806ec138e48a9793a8c0c0dbe3"
 
@@ -14,7 +16,7 @@ PAIRS = "66ff7ef17a204d806ec138e48a9793a8c0c0dbe3"
     ("seed", "name"),
     [
         # a curve that bends within a cell: of its mean temperature it left a second law, and both were wrong elsewhere
-        (WHERE_ROWS_ARE, "law/301"),
+        pytest.param(WHERE_ROWS_ARE, "law/301", marks=FURTHER),
         # a factor that follows the rate and the supply together, no listed pair
         (PAIRS, "law/037"),
         # a stray delay was learned of a temperature at single rows in place of means, and took the laws away
@@ -31,7 +33,7 @@ def test_a_law_is_found_and_predicts_another_session(seed: str, name: str, tmp_p
     ("name", "effect"),
     [
         # steps of a converter across the axis are no error of means; a step within a cell has its time
-        ("known/173", "temperature_bias"),
+        pytest.param("known/173", "temperature_bias", marks=FURTHER),
         ("known/181", "bias_step"),
         # a hysteresis wider than the range, in a random walk, is a temperature coefficient
         ("known/087", "temperature_bias"),
