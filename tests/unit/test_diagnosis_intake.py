@@ -9,6 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from highside.diagnosis.intake.checks import Intake, chance, check
+from highside.diagnosis.intake.clock import duplicates
 from highside.physics.gravity import gravity_direction
 
 Array = NDArray[np.float64]
@@ -153,6 +154,23 @@ def test_lost_and_repeated_frames_are_seen_without_a_counter(
     columns = healthy(seq=False)
     spoil(columns)
     assert name in [f.check for f in checked(columns).findings]
+
+
+@pytest.mark.parametrize("copies", [0, 120])
+def test_a_tool_that_turns_slowly_for_a_while_on_a_coarse_converter_repeats_no_frames(copies: int) -> None:
+    """There neighbours are on one step, more often than rows two apart, and it was a fault of the link."""
+    rng = np.random.default_rng(3)
+    n = 6000
+    t_s = np.arange(n) / 200.0
+    tf = np.cumsum(np.where(t_s % 15.0 < 2.0, 18.0, 800.0)) / 200.0
+    accel = gravity_direction(np.full(n, np.radians(60.0)), np.radians(tf)) + 1e-4 * rng.standard_normal((3, n))
+    accel = np.round(accel / 2e-3) * 2e-3
+    held = np.zeros(n, dtype=bool)
+    again = rng.choice(np.arange(1, n), copies, replace=False)
+    accel[:, again] = accel[:, again - 1]
+    assert np.any(np.all(np.diff(accel, axis=1) == 0, axis=0))
+    found = duplicates({"t_s": t_s}, held, accel)
+    assert [f.check for f in found] == (["duplicated_frames"] if copies else [])
 
 
 def test_the_binomial_tail_is_exact() -> None:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highside.arrays import Array
+from highside.diagnosis.core.floor import lattice_step
 from highside.diagnosis.core.policy import INTERVALS
 from highside.diagnosis.core.probability import straight_line, student_beyond
 from highside.diagnosis.core.result import Finding
@@ -169,9 +170,34 @@ def duplicates(columns: Mapping[str, Array], held: NDArray[np.bool_], accel: Arr
         p = chance(twice, n, CLOCK.stray)
     else:
         same = np.all(np.diff(accel, axis=1) == 0, axis=0)
-        apart = np.all(accel[:, 2:] == accel[:, :-2], axis=0)
-        twice, p = int(same.sum()), chance(int(same.sum()), n - 1, max(float(apart.mean()) * CLOCK.twice, CLOCK.stray))
+        apart = np.append(np.all(accel[:, 2:] == accel[:, :-2], axis=0), False)
+        stays = _within_a_step(accel)
+        moving = stays < CLOCK.moving
+        if moving.mean() < CLOCK.half:
+            # at rest a coarse converter repeats what it says, as often two rows apart
+            moving = np.ones(n - 1, dtype=bool)
+            stays = np.zeros(n - 1)
+        usual = max(float(apart[moving].mean()) * CLOCK.twice, float(stays[moving].mean()), CLOCK.stray)
+        twice = int(same[moving].sum())
+        p = chance(twice, int(moving.sum()), usual)
     if twice and p < CLOCK.sure:
         words = f"{twice} frames are there twice: remove the copies"
         return [Finding("duplicated_frames", ("ax", "ay", "az"), p, words)]
     return []
+
+
+def _within_a_step(accel: Array) -> Array:
+    """Chance (n - 1,), at most, that a converter's steps make neighbouring rows of (3, n) equal: what moves by a part
+    of a step from row to row stays on it as often as the rest of it says. 0 where readings lie on no lattice."""
+    alike = np.ones(accel.shape[1] - 1)
+    width = 2 * CLOCK.near + 1
+    for row in accel:
+        if np.ptp(row) == 0.0:
+            continue
+        step = lattice_step(row)
+        if step == 0.0 or row.size <= width:
+            return np.zeros(alike.size)
+        # the motion of the tool, not the noise of one row
+        slope = np.convolve(np.diff(row), np.full(width, 1.0 / width), mode="same")
+        alike *= np.maximum(1.0 - np.abs(slope) / step, 0.0)
+    return alike

@@ -96,6 +96,14 @@ class ClockPolicy:
     around: int = 10
     """Rows around a step back that must run evenly. Source: rows in disorder run forward ten times one after the other
     in 1 of 2^10 = 1024."""
+    moving: float = 0.1
+    """Chance, by a converter's steps alone, that neighbouring rows are equal, below which the tool moves. Source:
+    chosen; nine tenths of a step from row to row."""
+    half: float = 0.5
+    """Share of rows in which it moves from which copies are looked for in these alone. Source: chosen; most of them."""
+    near: int = 4
+    """Rows on either side over which the motion from row to row is averaged. Source: chosen; of white noise a third is
+    left, and a turn of 800 deg/s at 200 Hz goes on for 36 deg."""
     even: float = 1.5
     """Usual spacings; neighbours nearer than this follow one another. Source: halfway between the next row and the one
     after."""
