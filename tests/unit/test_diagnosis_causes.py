@@ -10,6 +10,8 @@ from highside.physics.effects import get
 from highside.physics.forward import ForwardModel
 from studies import diagnosis_deck as deck
 
+FURTHER = pytest.mark.further
+
 STATE = deck.design()
 
 
@@ -37,9 +39,12 @@ def test_an_effect_follows_its_cause(effect: str, covariate: str | None) -> None
 
 @pytest.mark.parametrize(
     ("effect", "covariate", "harmonic"),
-    [("encoder_first_harmonic", "tf_ref_deg", 1), ("encoder_second_harmonic", "tf_ref_deg", 2),
-     ("sag", "inc_ref_deg", None)],
-)  # fmt: skip
+    [
+        pytest.param("encoder_first_harmonic", "tf_ref_deg", 1, marks=FURTHER),
+        ("encoder_second_harmonic", "tf_ref_deg", 2),
+        ("sag", "inc_ref_deg", None),
+    ],
+)
 def test_a_diagnosis_tells_the_cause(effect: str, covariate: str, harmonic: int | None) -> None:
     session, _ = deck.single(STATE, effect, 400.0, seed=3)
     found = deck.diagnosed(session)

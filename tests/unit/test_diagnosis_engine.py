@@ -81,9 +81,9 @@ def test_two_effects_at_once_are_both_named() -> None:
     [
         ("white", 100),
         pytest.param("white", 101, marks=FURTHER),
-        ("one bad channel x4", 100),
+        pytest.param("one bad channel x4", 100, marks=FURTHER),
         ("table jitter", 101),
-        ("heavy tails", 100),
+        pytest.param("heavy tails", 100, marks=FURTHER),
         ("coloured AR(0.5)", 101),
     ],
 )

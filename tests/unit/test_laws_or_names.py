@@ -27,6 +27,8 @@ from highside.physics.law import Function
 from highside.report.diagnosis_claims import confounded, title_of_any
 from studies import known_names, random_laws
 
+FURTHER = pytest.mark.further
+
 KINDS = ("white", "coloured", "one_over_f", "walk")
 
 
@@ -45,7 +47,7 @@ def test_an_effect_in_noise_with_a_memory_has_its_name_and_not_that_of_a_law(num
     assert known_names.outcome(found.to_dict(), effect) == "right"
 
 
-@pytest.mark.parametrize("number", [1, 3])
+@pytest.mark.parametrize("number", [1, pytest.param(3, marks=FURTHER)])
 def test_a_law_that_fits_as_well_as_a_name_is_in_its_class(number: int, capsys: pytest.CaptureFixture[str]) -> None:
     one = random_laws.case(101, number, null=False)
     found = diagnose(one.columns, Model.model_validate({"sensor": {"noise_g": one.noise_g}}))
