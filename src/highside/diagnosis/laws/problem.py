@@ -101,16 +101,16 @@ class CovariateValues(dict[str, Array]):
         assert self._among is not None
         name = axis.covariate
         fastest = fastest_phase(axis)
-        if fastest == np.inf:
+        if fastest < np.inf and name not in self._nodes:
+            values = self._of_rows(name)
+            if values is None:
+                return None
+            self._nodes[name] = self._among.nodes(values) if np.isfinite(values).all() else None
+            _limited(self._nodes, LAW_GROUPS.nodes_kept)
+        nodes = self._nodes[name] if fastest < np.inf else None
+        if nodes is None:
             values = self._of_rows(name)
             return None if values is None else np.asarray(self._among.mean(axis.basis(values)))
-        if name not in self._nodes:
-            values = self._of_rows(name)
-            self._nodes[name] = None if values is None else self._among.nodes(values)
-            _limited(self._nodes, LAW_GROUPS.nodes_kept)
-        nodes = self._nodes[name]
-        if nodes is None:
-            return None
         at, weights, spread = nodes
         found = np.sum(axis.basis(at.reshape(-1)).reshape(-1, *at.shape) * weights, axis=1)
         wide = fastest * spread > LAW_GROUPS.by_nodes
