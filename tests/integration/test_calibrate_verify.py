@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import json
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from inside import highside_inside
 
 MODEL = Path("config/model-bench.toml")
 
 
 def highside(*arguments: str, check: int = 0) -> subprocess.CompletedProcess[str]:
-    done = subprocess.run(
-        [Path(sys.executable).parent / "highside", *arguments], capture_output=True, text=True, check=False
-    )
+    done = highside_inside(*arguments)
     assert done.returncode == check, done.stdout + done.stderr
     assert "Traceback" not in done.stderr
     return done

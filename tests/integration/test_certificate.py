@@ -12,17 +12,20 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from inside import highside_inside
 from pypdf import PdfReader
 
 from highside.errors import InputError
 from highside.report.document import Sheets
+from tests.few_poses import model_of_few_poses
 
+FURTHER = pytest.mark.further
 CHROMIUM = shutil.which("chromium")
 HIGHSIDE = Path(sys.executable).parent / "highside"
 
 
 def highside(*arguments: object, check: int = 0) -> subprocess.CompletedProcess[str]:
-    done = subprocess.run([HIGHSIDE, *map(str, arguments)], capture_output=True, text=True, check=False)
+    done = highside_inside(*arguments)
     assert done.returncode == check, done.stdout + done.stderr
     assert "Traceback" not in done.stderr
     return done
@@ -71,12 +74,14 @@ def outside(path: Path) -> list[tuple[int, str]]:
 
 
 @pytest.fixture(scope="module")
-def records(tmp_path_factory: pytest.TempPathFactory, project_root: Path) -> Path:
+def records(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with two sessions of one tool (1.csv, 2.csv), and the records of both."""
     folder = tmp_path_factory.mktemp("certificate")
+    # a certificate says whether bench or sensor is to blame, by a diagnosis, which of all 44 poses takes long
+    model = model_of_few_poses(folder / "model.toml", {"inclinations_deg": "[5.004, 30.006, 45.0, 75.006, 90.0]"})
     for seed in (1, 2):
         highside(
-            "simulate", project_root / "config/model-bench.toml", "-o", folder / f"{seed}.csv.gz",
+            "simulate", model, "-o", folder / f"{seed}.csv.gz",
             "--poses", folder / f"{seed}.csv", "--seed", seed,
         )  # fmt: skip
         highside(
@@ -176,13 +181,13 @@ def test_a_record_of_another_tool_is_not_what_was_found(records: Path) -> None:
     assert not (records / "x.html").exists()
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=FURTHER)])
 def test_words_of_any_length_never_run_over_a_sheet(tmp_path: Path, seed: int) -> None:
     """Long remarks, wide words, long tables: numbered pages, every word printed within the margins of one."""
     rng = np.random.default_rng(seed)
     out = Sheets("Test", ("left", "right"), "This certificate relates only to the item described in it.")
     marks = []
-    for k in range(40):
+    for k in range(24):
         mark = f"MARK{k:03d}"
         marks.append(mark)
         words = " ".join(rng.choice(["WWWWMMMM", "a", "calibration", "0.12345", "iiii"], rng.integers(1, 250)))

@@ -10,15 +10,14 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from daemon import HIGHSIDE
+from inside import highside_inside
 from mcap.reader import make_reader
 
 from highside.recording.table import Recording, read_recording, write_recording
 
 
 def export(*arguments: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [str(HIGHSIDE), "export", *arguments], capture_output=True, text=True, timeout=300, check=False
-    )
+    return highside_inside("export", *arguments)
 
 
 @pytest.fixture

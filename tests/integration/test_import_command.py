@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import re
 import shlex
 import subprocess
@@ -12,24 +11,21 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from daemon import HIGHSIDE
+from inside import highside_inside
 
 from highside.recording.table import Recording, read_recording
+from tests.few_poses import model_of_few_poses
 
 
 def highside(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
-    home = {**os.environ, "XDG_CONFIG_HOME": str(folder / "config-home")}
-    return subprocess.run(
-        [str(HIGHSIDE), *arguments], cwd=folder, env=home, capture_output=True, text=True, timeout=200, check=False,
-        stdin=subprocess.DEVNULL,
-    )  # fmt: skip
+    return highside_inside(*arguments, cwd=folder, environment={"XDG_CONFIG_HOME": str(folder / "config-home")})
 
 
 @pytest.fixture(scope="module")
-def bench(tmp_path_factory: pytest.TempPathFactory, project_root: Path) -> Path:
+def bench(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A simulated session of the bench, and the same as other programs would have written it."""
     folder = tmp_path_factory.mktemp("bench")
-    model = project_root / "config" / "model-bench.toml"
+    model = model_of_few_poses(folder / "model.toml")
     made = highside(folder, "simulate", str(model), "-o", "s.csv", "--seed", "3")
     assert made.returncode == 0, made.stderr
     for kind in ("mcap", "parquet"):
@@ -76,7 +72,7 @@ def test_the_disguises_of_one_recording_are_one_recording(bench: Path, file: str
 def test_from_a_dump_to_poses_and_a_diagnosis(bench: Path, project_root: Path) -> None:
     assert highside(bench, "import", "pandas.csv", "-o", "d.csv.gz", "--yes").returncode == 0
     done = highside(bench, "calibrate", "poses", "d.csv.gz", "-o", "poses.csv")
-    assert done.stdout.startswith("poses.csv: 44 poses, 440 of 440 readings")
+    assert done.stdout.startswith("poses.csv: 20 poses, 200 of 200 readings")
     model = project_root / "config" / "model-known.toml"
     done = highside(bench, "diagnose", "d.csv.gz", "--model", str(model), "--out", "report")
     assert done.returncode == 0, done.stderr
@@ -103,7 +99,7 @@ def test_what_is_uncertain_is_refused_without_a_terminal(bench: Path) -> None:
     assert not (bench / "never.csv").exists()
     done = highside(bench, "import", "si.csv", "-o", "never.csv", "--yes")
     assert done.returncode == 2, "name and values contradict one another: no --yes takes that"
-    assert "named g, but then |a| is 9.84 g; --units m/s2" in done.stderr
+    assert "named g, but then |a| is 9.83 g; --units m/s2" in done.stderr
 
 
 def test_a_file_is_inspected_and_nothing_is_written(bench: Path) -> None:
@@ -111,7 +107,7 @@ def test_a_file_is_inspected_and_nothing_is_written(bench: Path) -> None:
     done = highside(bench, "import", "pandas.csv", "--inspect")
     assert (done.returncode, done.stdout) == (0, "") and "median |a| 9.8" in done.stderr
     said = json.loads(highside(bench, "import", "pandas.csv", "--inspect", "--json").stdout)
-    assert not said["own"] and said["rows"] == 440
+    assert not said["own"] and said["rows"] == 200
     assert ["ax_g", "accel_x", "m/s2", "likely"] in [row[:4] for row in said["columns"]]
     assert said["doubts"] and not any(doubt["open"] for doubt in said["doubts"])
     said = json.loads(highside(bench, "import", "si.csv", "--inspect", "--json").stdout)

@@ -27,6 +27,8 @@ from pathlib import Path
 import pytest
 from broker import free_port
 
+from tests.few_poses import model_of_few_poses
+
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 
 USED = (
@@ -149,11 +151,11 @@ def core(request: pytest.FixtureRequest, install: Callable[[str, str], Installed
 
 
 @pytest.fixture(scope="session")
-def bench_data(project_root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def bench_data(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A simulated session of the bench: session.csv and poses.csv."""
     folder = tmp_path_factory.mktemp("bench")
     highside = Path(sys.executable).with_name("highside")
-    model = project_root / "config" / "model-bench.toml"
+    model = model_of_few_poses(folder / "model.toml")
     made = [highside, "simulate", model, "-o", folder / "session.csv", "--poses", folder / "poses.csv"]
     subprocess.run(made, check=True, capture_output=True, timeout=120)
     solve = ["calibrate", "solve", folder / "poses.csv", "--method", "joint", "--tool", "bench-1"]

@@ -5,10 +5,10 @@ from __future__ import annotations
 import json
 import os
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from inside import highside_inside
 
 from highside.calibration.record import content_id
 from highside.recording.calibration_store import CalibrationStore
@@ -18,10 +18,7 @@ POSES = """inc_ref_deg,tf_ref_deg,ax,ay,az,n
 
 
 def highside(*args: object, status: int = 0, **environment: str) -> subprocess.CompletedProcess[str]:
-    done = subprocess.run(
-        [str(Path(sys.executable).with_name("highside")), *map(str, args)],
-        capture_output=True, text=True, timeout=120, env=os.environ | environment, stdin=subprocess.DEVNULL,
-    )  # fmt: skip
+    done = highside_inside(*args, environment=environment)
     assert done.returncode == status, done.stderr
     assert "Traceback" not in done.stderr
     assert status != 2 or done.stderr.count("\n") == 1, done.stderr

@@ -14,6 +14,7 @@ from typing import Any
 import pytest
 import typer
 from daemon import HIGHSIDE
+from inside import highside_inside
 
 from highside.api.certificate import certify
 from highside.cli import overwriting
@@ -48,7 +49,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory, project_root: Path) -> Path
         "simulate model.toml -o rec.csv --poses poses.csv",
         "calibrate solve poses.csv --method joint -o cal.json",
     ):
-        subprocess.run([HIGHSIDE, *words.split()], cwd=made, check=True, capture_output=True, timeout=120)
+        assert highside_inside(*words.split(), cwd=made).returncode == 0
     (made / "link.csv").symlink_to("rec.csv")
     rows = "".join(f"{second},0,0,1,0.001,-0.001,0.004\n" for second in range(60))
     (made / "still.csv").write_text(f"t_s,ax_g,ay_g,az_g,gx_dps,gy_dps,gz_dps\n{rows}")
@@ -63,7 +64,7 @@ def digests(folder: Path) -> dict[str, str]:
 @pytest.mark.parametrize("case", CASES)
 def test_an_input_is_not_written_over(folder: Path, case: str) -> None:
     before = digests(folder)
-    done = subprocess.run([HIGHSIDE, *CASES[case].split()], cwd=folder, capture_output=True, text=True, timeout=120)
+    done = highside_inside(*CASES[case].split(), cwd=folder)
     assert done.returncode == 2, done.stdout
     assert len(done.stderr.splitlines()) == 1 and "name another file" in done.stderr
     assert digests(folder) == before
@@ -202,8 +203,7 @@ PRECIOUS = {
 def test_what_nobody_can_make_again_is_not_replaced(folder: Path, tmp_path: Path, name: str, words: str) -> None:
     there = tmp_path / name
     there.write_bytes(PRECIOUS[name])
-    command = [HIGHSIDE, *words.split(), str(there)]
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=120)
+    done = highside_inside(*words.split(), there, cwd=folder)
     assert done.returncode == 2, done.stdout
     assert len(done.stderr.splitlines()) == 1
     assert "is not replaced" in done.stderr and str(there) in done.stderr

@@ -29,8 +29,8 @@ c1 = 3e-4
 s1 = -2e-4
 [motion]
 kind = "poses"
-inclinations_deg = [5, 20, 45, 70, 90, 120, 150]
-toolfaces_deg = [0, 30, 60, 90, 120, 150, 180, 210, 240, 270, 300, 330]
+inclinations_deg = [5, 35, 65, 95, 125, 150]
+toolfaces_deg = [0, 72, 144, 216, 288]
 hold_s = 6
 row_s = 0.5
 """

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from highside.cli import commands
+from tests.few_poses import model_of_few_poses
 
 HIGHSIDE = Path(sys.executable).parent / "highside"
 
@@ -74,7 +75,7 @@ def test_a_command_loads_no_other(command: str) -> None:
 
 
 def test_a_diagnosis_without_a_page_loads_what_it_works_with_and_no_more(tmp_path: Path) -> None:
-    model = Path(__file__).parents[2] / "config/model-bench.toml"
+    model = model_of_few_poses(tmp_path / "model.toml")
     recording = tmp_path / "poses.csv"
     assert run("simulate", str(model), "-o", str(recording), "--seed", "1").returncode == 0
     arguments = ("diagnose", str(recording), "--model", str(model), "--out", str(tmp_path), "--no-report")

@@ -11,6 +11,7 @@ import pytest
 from scipy.stats import chi2, linregress, t
 
 from highside.diagnosis.core.probability import chi2_beyond, straight_line, student_beyond, student_quantile
+from tests.few_poses import model_of_few_poses
 
 FREEDOMS = [1.5, 2.0, 3.0, 4.0, 8.0, 30.0, 211.0, 1e4]
 
@@ -50,7 +51,7 @@ def test_a_short_diagnosis_does_not_wait_for_scipy_stats(tmp_path: Path, project
     made = [
         highside,
         "simulate",
-        model / "model-bench.toml",
+        model_of_few_poses(tmp_path / "model.toml"),
         "-o",
         tmp_path / "s.csv",
         "--poses",
