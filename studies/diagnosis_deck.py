@@ -19,6 +19,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from highside.diagnosis.core.method import WHOLE, ProcedureParts
 from highside.diagnosis.core.result import DiagnosisResult
 from highside.diagnosis.engine import diagnose_poses
 from highside.diagnosis.poses.session import PoseSession
@@ -175,8 +176,8 @@ def null(state: ChainState, kind: str, seed: int) -> PoseSession:
     return PoseSession(sensor.predict(state) + NULLS[kind](state, rng), np.ones(state.n), state)
 
 
-def diagnosed(session: PoseSession) -> DiagnosisResult:
-    return diagnose_poses(session, ForwardModel.of({}), FREE)[0]
+def diagnosed(session: PoseSession, method: ProcedureParts = WHOLE) -> DiagnosisResult:
+    return diagnose_poses(session, ForwardModel.of({}), FREE, method=method)[0]
 
 
 def outcome(diagnosis: DiagnosisResult, truth: str) -> dict[str, bool]:

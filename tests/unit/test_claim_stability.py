@@ -7,6 +7,7 @@ import pytest
 
 from highside.arrays import Array
 from highside.diagnosis.core.checked import _widened
+from highside.diagnosis.core.method import WHOLE, ProcedureParts
 from highside.diagnosis.core.result import Claim, DiagnosisResult, FittedParameter
 from highside.diagnosis.core.stability import Stability, splits_of, stability
 from highside.diagnosis.engine import diagnose_poses
@@ -15,6 +16,7 @@ from highside.physics.forward import ForwardModel
 from studies import diagnosis_deck as deck
 
 STATE = deck.design()
+FURTHER = pytest.mark.further
 
 
 def white(columns: Array) -> Array:
@@ -47,12 +49,19 @@ def test_a_size_that_drifts_or_follows_the_inclination_is_not() -> None:
     assert not one(leaning)[1]
 
 
-def test_claims_are_ordered_by_their_share() -> None:
+@pytest.mark.parametrize(
+    "method",
+    [
+        pytest.param(ProcedureParts.without("laws"), id="names alone"),
+        pytest.param(WHOLE, id="with laws", marks=FURTHER),
+    ],
+)
+def test_claims_are_ordered_by_their_share(method: ProcedureParts) -> None:
     rng = np.random.default_rng(4)
     sensor, _ = deck.sensor_and_base(STATE, rng)
     effects = {"sag": {"s": 2e-4}, "backlash": {"h_tf": 6e-4, "h_inc": 0.0}}
     mean = sensor.with_effects(effects).predict(STATE) + deck.white_noise(STATE, rng)
-    found, _ = diagnose_poses(PoseSession(mean, np.ones(STATE.n), STATE), ForwardModel.of({}), deck.FREE)
+    found = deck.diagnosed(PoseSession(mean, np.ones(STATE.n), STATE), method)
     shares = [claim.share or 0.0 for claim in found.claims]
     assert [claim.effect for claim in found.claims] == ["backlash", "sag"]
     assert shares == sorted(shares, reverse=True) and abs(sum(shares) - 1) < 1e-9

@@ -20,7 +20,7 @@ from studies import diagnosis_deck as deck
 
 STATE = deck.design()
 FURTHER = pytest.mark.further
-"""These effects are named in `test_library_effects`, `test_diagnosis_causes` or `test_diagnosis_places` too."""
+"""These effects are named in `test_library_effects`, `test_diagnosis_causes` or `test_diagnosis_places`, or below."""
 
 
 def at(inclinations: list[float], toolfaces: list[float], repeats: int = 1) -> ChainState:
@@ -47,8 +47,9 @@ def single(effect: str) -> tuple[DiagnosisResult, dict[str, float]]:
     "effect",
     [
         pytest.param("base_tilt", marks=FURTHER),
-        pytest.param("encoder_first_harmonic", marks=FURTHER),
-        "backlash",
+        "encoder_first_harmonic",
+        # beside another in the next test
+        pytest.param("backlash", marks=FURTHER),
         "sag",
         pytest.param("cubic", marks=FURTHER),
         pytest.param("temperature_scale", marks=FURTHER),
@@ -155,8 +156,9 @@ def test_quadratic_and_asymmetry_are_one_class_where_the_poses_do_not_split_them
 
 
 def test_the_location_names_channel_and_covariate() -> None:
-    state = STATE
-    found = deck.diagnosed(simulated(state, {"temperature_bias": {"bt_y": 1e-5}}, 2))
+    """By the names alone, which tell it: laws have places of their own."""
+    session = simulated(STATE, {"temperature_bias": {"bt_y": 1e-5}}, 2)
+    found, _ = diagnose_poses(session, ForwardModel.of({}), deck.FREE, method=ProcedureParts.without("laws"))
     (location,) = found.location
     assert location.channels == ("ay",)
     assert location.covariate == "temp_c"

@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from highside.diagnosis.core.location import products
+from highside.diagnosis.core.method import WHOLE, ProcedureParts
 from highside.diagnosis.core.regression import outside, span
 from highside.diagnosis.core.support import cells_of, support
 from highside.diagnosis.core.untestable import what_splits
@@ -23,6 +24,14 @@ from studies import diagnosis_deck as deck
 from studies.scenario import random_sensor
 
 FURTHER = pytest.mark.further
+WAYS = pytest.mark.parametrize(
+    "method",
+    [
+        pytest.param(ProcedureParts.without("laws"), id="names alone"),
+        pytest.param(WHOLE, id="with laws", marks=FURTHER),
+    ],
+)
+"""Of what the names settle among themselves; that laws leave them alone: `test_diagnosis_engine`."""
 
 STATE = deck.design()
 FREE = ("bias", "scale", "misalignment")
@@ -101,9 +110,10 @@ def test_one_inclination_that_is_off_is_no_noise_that_remembers_but_that_inclina
     assert width < (60.0 if place.covariate == "inc_ref_deg" else 1.0)
 
 
-def test_a_step_sits_after_its_time_and_a_lever_arm_where_the_tool_turns_fast() -> None:
+@WAYS
+def test_a_step_sits_after_its_time_and_a_lever_arm_where_the_tool_turns_fast(method: ProcedureParts) -> None:
     session, truth = deck.single(STATE, "bias_step", 400.0, seed=5)
-    place = deck.diagnosed(session).location[0]
+    place = deck.diagnosed(session, method).location[0]
     assert place.covariate == "t_s"
     assert overlap(place.intervals, truth["t0"], float(STATE.t_s[-1])) > 0.9
     rates = tuple(2 * np.pi * np.array([0.5, -1.0, 2.0, -2.0, 1.0]))
@@ -111,7 +121,7 @@ def test_a_step_sits_after_its_time_and_a_lever_arm_where_the_tool_turns_fast() 
     rng = np.random.default_rng(1)
     sensor = random_sensor(rng).with_effects({"lever_arm": {"r_x": 4e-4, "r_y": 0.0}})
     turning = RotationSession(sensor.simulate(state, rng) + 8e-5 * rng.standard_normal((3, state.n)), state)
-    found = diagnose_rotation(turning, ForwardModel.of({}), FREE)[0]
+    found = diagnose_rotation(turning, ForwardModel.of({}), FREE, method=method)[0]
     assert found.claims[0].effect == "lever_arm"
     assert found.location[0].covariate == "rotor_rate_dps"
     assert [low * high > 0 and min(abs(low), abs(high)) > 400.0 for low, high in found.location[0].intervals] == [
@@ -124,7 +134,7 @@ def test_one_side_of_approach_cannot_show_backlash_and_it_is_reported_what_can()
     rng = np.random.default_rng(2)
     sensor, _ = deck.sensor_and_base(one_side, rng)
     mean = sensor.predict(one_side) + deck.white_noise(one_side, rng)
-    found = deck.diagnosed(PoseSession(mean, np.ones(one_side.n), one_side))
+    found = deck.diagnosed(PoseSession(mean, np.ones(one_side.n), one_side), ProcedureParts.without("laws"))
     needs = {entry.effect: entry.needs for entry in found.not_testable}
     assert needs["backlash"].startswith("approach the same poses from both sides")
     assert "rotates" in needs["lever_arm"]
@@ -147,9 +157,10 @@ def turning_rows(signal_share: float, seed: int) -> tuple[RotationSession, tuple
     return RotationSession(readings, state), (middle - 5.0, middle + 5.0)
 
 
-def test_a_vibration_of_a_while_is_found_when_it_was_there() -> None:
+@WAYS
+def test_a_vibration_of_a_while_is_found_when_it_was_there(method: ProcedureParts) -> None:
     session, (first, last) = turning_rows(1.6, 1)
-    found = diagnose_rotation(session, ForwardModel.of({}), FREE)[0]
+    found = diagnose_rotation(session, ForwardModel.of({}), FREE, method=method)[0]
     assert found.verdict == "unknown"
     assert "comes and goes on ax" in found.remainder.hints[0]
     assert (found.location[0].channels, found.location[0].covariate) == (("ax",), "t_s")

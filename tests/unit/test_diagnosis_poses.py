@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from highside.diagnosis.core.method import WHOLE, ProcedureParts
 from highside.diagnosis.poses.policy import POSE_NOISE
 from highside.diagnosis.poses.problem import PoseProblem
 from highside.diagnosis.poses.session import PoseSession, pose_session
@@ -12,6 +13,14 @@ from highside.physics.forward import ForwardModel
 from studies import diagnosis_deck as deck
 
 FURTHER = pytest.mark.further
+WAYS = pytest.mark.parametrize(
+    "method",
+    [
+        pytest.param(ProcedureParts.without("laws"), id="names alone"),
+        pytest.param(WHOLE, id="with laws", marks=FURTHER),
+    ],
+)
+"""Of what the names settle among themselves; that laws leave them alone: `test_diagnosis_engine`."""
 
 STATE = deck.design()
 UNREST = 0.4 + 1.6 * np.sin(np.linspace(0, 2 * np.pi, STATE.n)) ** 2
@@ -70,19 +79,21 @@ def test_even_noise_is_hardly_ever_taken_for_uneven(rows: int) -> None:
     assert sum(uneven) <= 2
 
 
-def test_two_slow_effects_that_hide_one_another_are_found_together() -> None:
+@WAYS
+def test_two_slow_effects_that_hide_one_another_are_found_together(method: ProcedureParts) -> None:
     effects = {
         "bias_step": {"a_x": 1.2e-4, "a_z": -0.6e-4, "t0": 4170.0},
         "bias_drift": {"d_x": 2e-8, "d_y": -2.5e-8, "d_z": 1e-8},
     }
-    found = deck.diagnosed(simulated(effects, 6))
+    found = deck.diagnosed(simulated(effects, 6), method)
     assert found.verdict in ("named", "named_plus")
     assert {claim.effect for claim in found.claims} == set(effects)
 
 
-def test_what_decays_within_the_first_poses_does_not_hide_what_lasts() -> None:
+@WAYS
+def test_what_decays_within_the_first_poses_does_not_hide_what_lasts(method: ProcedureParts) -> None:
     effects = {"warmup": {"a_y": 3e-4, "a_z": -9e-4, "tau": 200.0}, "sag": {"s": 1.5e-4}}
-    found = deck.diagnosed(simulated(effects, 7))
+    found = deck.diagnosed(simulated(effects, 7), method)
     assert {claim.effect for claim in found.claims} == set(effects)
 
 
@@ -94,22 +105,25 @@ def test_hysteresis_of_a_width_between_those_tried_is_not_taken_for_lag(width: f
     assert [claim.effect for claim in found.claims] == ["thermal_hysteresis"]
 
 
-def test_an_effect_that_another_contains_has_that_in_its_class() -> None:
-    found = deck.diagnosed(simulated({"reference_twist": {"k": 1e-4}}, 8))
+@WAYS
+def test_an_effect_that_another_contains_has_that_in_its_class(method: ProcedureParts) -> None:
+    found = deck.diagnosed(simulated({"reference_twist": {"k": 1e-4}}, 8), method)
     (claim,) = found.claims
     assert claim.effect == "reference_twist"
     assert "cross_product" in claim.equivalence_class
 
 
-def test_an_effect_is_not_reported_as_itself_and_a_case_of_itself() -> None:
+@WAYS
+def test_an_effect_is_not_reported_as_itself_and_a_case_of_itself(method: ProcedureParts) -> None:
     # y z on x and x z on y turn the reading like a twist of the reference; the rest does not
     terms = {"k_x_xy": 3e-5, "k_x_xz": 3e-5, "k_x_yz": 1e-4, "k_y_xy": -1.1e-4, "k_y_xz": -5e-5, "k_y_yz": 6e-5,
              "k_z_xy": 3e-5, "k_z_xz": -9e-5, "k_z_yz": -2e-5}  # fmt: skip
     for seed in (9, 10):
-        found = deck.diagnosed(simulated({"cross_product": terms}, seed))
+        found = deck.diagnosed(simulated({"cross_product": terms}, seed), method)
         assert [claim.effect for claim in found.claims] == ["cross_product"]
 
 
-def test_what_decays_while_the_first_ring_is_measured_is_not_that_ring() -> None:
-    found = deck.diagnosed(simulated({"warmup": {"a_x": 5e-5, "a_z": 2.2e-4, "tau": 260.0}}, 11))
+@WAYS
+def test_what_decays_while_the_first_ring_is_measured_is_not_that_ring(method: ProcedureParts) -> None:
+    found = deck.diagnosed(simulated({"warmup": {"a_x": 5e-5, "a_z": 2.2e-4, "tau": 260.0}}, 11), method)
     assert [claim.effect for claim in found.claims] == ["warmup"]

@@ -33,6 +33,15 @@ Array = NDArray[np.float64]
 
 FREE = ("bias", "scale", "misalignment")
 SIGMA = 8e-5
+FURTHER = pytest.mark.further
+WAYS = pytest.mark.parametrize(
+    "method",
+    [
+        pytest.param(ProcedureParts.without("laws"), id="names alone"),
+        pytest.param(WHOLE, id="with laws", marks=FURTHER),
+    ],
+)
+"""Of what the names settle among themselves; that laws leave them alone: `test_library_effects_rotation`."""
 
 
 def kernel(places: Array, length: float) -> Array:
@@ -322,10 +331,11 @@ class TestVerdicts:
         found = with_long_memory(DiagnosisResult("nothing_left_out", noise=noise), recording({}, turning(4.0)))
         assert found.verdict == verdict
 
-    def test_a_lever_arm_is_named_with_its_size(self) -> None:
+    @WAYS
+    def test_a_lever_arm_is_named_with_its_size(self, method: ProcedureParts) -> None:
         truth = {"r_x": 6e-5, "r_y": -4e-5}
         session = recording({"lever_arm": truth}, turning(), colour=0.5)
-        diagnosis, report_data = diagnose_rotation(session, ForwardModel.of({}), FREE)
+        diagnosis, report_data = diagnose_rotation(session, ForwardModel.of({}), FREE, method=method)
         assert [claim.effect for claim in diagnosis.claims] == ["lever_arm"]
         assert "size_effect" in diagnosis.claims[0].equivalence_class
         for name, value in truth.items():
@@ -361,7 +371,8 @@ class TestVerdicts:
         diagnosis, _ = diagnose_rotation(session, ForwardModel.of({}), (*FREE, "gyro_bias", "gyro_scale"))
         assert [claim.effect for claim in diagnosis.claims] == ["time_offset"]
 
-    def test_the_earth_is_named_by_its_known_size_and_not_as_g_sensitivity(self) -> None:
+    @WAYS
+    def test_the_earth_is_named_by_its_known_size_and_not_as_g_sensitivity(self, method: ProcedureParts) -> None:
         state = turning(20.0)
         rng = np.random.default_rng(2)
         model = random_sensor(rng).with_effects({"earth_rotation": {"share": 1.0}})
@@ -369,9 +380,8 @@ class TestVerdicts:
         for share, names in ((1.0, ["earth_rotation"]), (3.0, ["gyro_g_sensitivity"])):
             rates = share * gyro + (1 - share) * random_sensor(rng).gyro(state) + 2e-4 * rng.standard_normal(gyro.shape)
             readings = np.concatenate([model.predict(state) + SIGMA * rng.standard_normal(gyro.shape), rates])
-            diagnosis, _ = diagnose_rotation(
-                RotationSession(readings, state), ForwardModel.of({}), (*FREE, "gyro_bias", "gyro_scale")
-            )
+            session, free = RotationSession(readings, state), (*FREE, "gyro_bias", "gyro_scale")
+            diagnosis, _ = diagnose_rotation(session, ForwardModel.of({}), free, method=method)
             assert [claim.effect for claim in diagnosis.claims] == names
 
     def test_the_same_seed_gives_the_same_answer(self) -> None:

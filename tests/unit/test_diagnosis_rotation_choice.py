@@ -7,6 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from highside.diagnosis.core.fit import base_fit
+from highside.diagnosis.core.method import WHOLE, ProcedureParts
 from highside.diagnosis.core.observed import Observed
 from highside.diagnosis.core.result import DiagnosisResult
 from highside.diagnosis.engine import diagnose_rotation
@@ -25,6 +26,15 @@ Array = NDArray[np.float64]
 
 FREE = ("bias", "scale", "misalignment")
 SIGMA = 8e-5
+FURTHER = pytest.mark.further
+WAYS = pytest.mark.parametrize(
+    "method",
+    [
+        pytest.param(ProcedureParts.without("laws"), id="names alone"),
+        pytest.param(WHOLE, id="with laws", marks=FURTHER),
+    ],
+)
+"""Of what the names settle among themselves; that laws leave them alone: `test_library_effects_rotation`."""
 
 
 @pytest.fixture(scope="module")
@@ -35,10 +45,12 @@ def rising() -> ChainState:
     return Session(plan, Site(latitude_rad=0.9), Profile((25.0, 38.0, 33.0, 37.0, 27.0))).rows().state
 
 
-def reported(effects: dict[str, dict[str, float]], state: ChainState, seed: int = 3) -> DiagnosisResult:
-    rng = np.random.default_rng(seed)
+def reported(
+    effects: dict[str, dict[str, float]], state: ChainState, method: ProcedureParts = WHOLE
+) -> DiagnosisResult:
+    rng = np.random.default_rng(3)
     readings = random_sensor(rng).with_effects(effects).predict(state) + SIGMA * rng.standard_normal((3, state.n))
-    return diagnose_rotation(RotationSession(readings, state), ForwardModel.of({}), FREE)[0]
+    return diagnose_rotation(RotationSession(readings, state), ForwardModel.of({}), FREE, method=method)[0]
 
 
 def test_a_warm_up_is_not_taken_for_what_rises_with_the_rate(rising: ChainState) -> None:
@@ -46,26 +58,32 @@ def test_a_warm_up_is_not_taken_for_what_rises_with_the_rate(rising: ChainState)
     assert [claim.effect for claim in diagnosis.claims] == ["warmup"]
 
 
-def test_two_that_nearly_cancel_are_found_together(rising: ChainState) -> None:
-    diagnosis = reported({"backlash": {"h_tf": 2.6e-5}, "time_offset": {"t0": 3.5e-6}}, rising)
+@WAYS
+def test_two_that_nearly_cancel_are_found_together(rising: ChainState, method: ProcedureParts) -> None:
+    diagnosis = reported({"backlash": {"h_tf": 2.6e-5}, "time_offset": {"t0": 3.5e-6}}, rising, method)
     assert len(diagnosis.claims) == 2
     assert "backlash" in {claim.effect for claim in diagnosis.claims}
     assert any("time_offset" in claim.equivalence_class for claim in diagnosis.claims)
 
 
-def test_two_that_cancel_so_far_that_neither_passes_alone_are_found(rising: ChainState) -> None:
-    diagnosis = reported({"backlash": {"h_tf": 2e-5}, "bandwidth_lag": {"tau": 2.5e-6}}, rising)
+@WAYS
+def test_two_that_cancel_so_far_that_neither_passes_alone_are_found(rising: ChainState, method: ProcedureParts) -> None:
+    diagnosis = reported({"backlash": {"h_tf": 2e-5}, "bandwidth_lag": {"tau": 2.5e-6}}, rising, method)
     assert {claim.effect for claim in diagnosis.claims} == {"backlash", "bandwidth_lag"}
 
 
-def test_of_two_slacks_that_look_alike_the_one_without_memory_stands_first(rising: ChainState) -> None:
-    diagnosis = reported({"backlash": {"h_tf": -3e-5}}, rising)
+@WAYS
+def test_of_two_slacks_that_look_alike_the_one_without_memory_stands_first(
+    rising: ChainState, method: ProcedureParts
+) -> None:
+    diagnosis = reported({"backlash": {"h_tf": -3e-5}}, rising, method)
     assert [claim.effect for claim in diagnosis.claims] == ["backlash"]
     assert "stiction" in diagnosis.claims[0].equivalence_class
 
 
-def test_held_out_means_show_what_was_closed(rising: ChainState) -> None:
-    fit = reported({"lever_arm": {"r_x": 4e-6, "r_y": -3e-6}}, rising).fit
+@WAYS
+def test_held_out_means_show_what_was_closed(rising: ChainState, method: ProcedureParts) -> None:
+    fit = reported({"lever_arm": {"r_x": 4e-6, "r_y": -3e-6}}, rising, method).fit
     assert fit is not None and fit.heldout_rmse_before is not None and fit.heldout_rmse_after is not None
     room = fit.heldout_rmse_before**2 - fit.noise_floor**2
     assert room > 0.2 * fit.heldout_rmse_before**2
