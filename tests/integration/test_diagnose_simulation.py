@@ -17,6 +17,8 @@ from highside.recording.table import Recording, read_recording, write_recording
 Array = np.ndarray[Any, np.dtype[np.float64]]
 Columns = dict[str, Array]
 
+FURTHER = pytest.mark.further
+
 G = 9.80665
 BAND_HZ = 10.0
 
@@ -116,7 +118,7 @@ def test_the_lever_arm_between_body_and_sensor_is_named_first(tmp_path: Path, br
     assert "Lever arm" in page.split("<h2>")[0] and "<svg" in page
 
 
-@pytest.mark.parametrize("later_s", [0.0, 731.25])
+@pytest.mark.parametrize("later_s", [0.0, pytest.param(731.25, marks=FURTHER)])
 def test_yaw_rate_zero_and_centripetal_term_of_a_car(
     tmp_path: Path, car: tuple[Columns, Columns], later_s: float
 ) -> None:
@@ -166,7 +168,15 @@ def test_nothing_is_said_of_a_right_prediction_in_coloured_noise(
     assert found["minimum_detectable"]["lever_arm"]["value"] < 2e-3
 
 
-@pytest.mark.parametrize("effect", ["scale", "misalignment", "time_offset", "bandwidth_lag"])
+@pytest.mark.parametrize(
+    "effect",
+    [
+        "scale",
+        pytest.param("misalignment", marks=FURTHER),
+        "time_offset",
+        pytest.param("bandwidth_lag", marks=FURTHER),
+    ],
+)
 def test_an_effect_put_into_real_motion_is_named_alone(
     tmp_path: Path, broad: tuple[Columns, Columns], effect: str
 ) -> None:
@@ -200,7 +210,7 @@ def test_a_square_of_the_load_is_named(tmp_path: Path, broad: tuple[Columns, Col
         assert claims(found)["quadratic"]["parameters"][f"k2_{name}"]["value"] == pytest.approx(0.01, abs=3e-3)
 
 
-@pytest.mark.parametrize("effect", ["temperature_misalignment", "reference_voltage"])
+@pytest.mark.parametrize("effect", ["temperature_misalignment", pytest.param("reference_voltage", marks=FURTHER)])
 def test_further_effects_of_the_chain_are_named_on_channels(
     tmp_path: Path, broad: tuple[Columns, Columns], effect: str
 ) -> None:
@@ -230,7 +240,7 @@ def test_a_product_that_no_effect_makes_is_given_no_name_of_the_library(
     assert all(claim["effect"].startswith("law") for claim in found["claims"])
 
 
-@pytest.mark.parametrize("late_s", [0.05, 1.0])
+@pytest.mark.parametrize("late_s", [pytest.param(0.05, marks=FURTHER), 1.0])
 def test_a_real_recording_beside_a_prediction_that_is_early(
     tmp_path: Path, broad: tuple[Columns, Columns], late_s: float
 ) -> None:
@@ -251,7 +261,7 @@ def test_a_real_recording_beside_a_prediction_that_is_early(
         # an offset of -5.2 ms and a lag of 3.8 ms, whose size is no constant: no name was given
         (116.768, -0.00417, "partial"),
         # a lag with a negative time constant: no name was given
-        (97.562, -0.0205, "implausible_fit"),
+        pytest.param(97.562, -0.0205, "implausible_fit", marks=FURTHER),
     ],
 )
 def test_a_small_shift_of_a_real_clock_is_no_filter(

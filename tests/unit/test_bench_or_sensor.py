@@ -28,28 +28,37 @@ def test_a_law_is_told_as_the_part_it_acts_in() -> None:
     assert found.answer
 
 
+FURTHER = pytest.mark.further
 SIXTEEN_INC = (-60, -60, -45, -120, -45, -5, -5, -5, 5, 45, 45, 45, 90, 90, 150, 150)
 SIXTEEN_TF = (45, 225, 90, 270, 315, 45, 180, 270, 315, 0, 90, 180, 135, 315, 0, 225)
 
 
-@pytest.mark.parametrize("spread", [True, False])
-def test_errors_of_the_set_angles_in_sixteen_poses_are_no_law(spread: bool) -> None:
+@pytest.mark.parametrize(
+    ("spread", "seed"),
+    [
+        (True, 9),
+        pytest.param(True, 10, marks=FURTHER),
+        pytest.param(True, 11, marks=FURTHER),
+        (False, 9),
+        (False, 10),
+        pytest.param(False, 11, marks=FURTHER),
+    ],
+)
+def test_errors_of_the_set_angles_in_sixteen_poses_are_no_law(spread: bool, seed: int) -> None:
     """Without a measured noise the errors of the angles were sought in units of rounding, and a lean that follows the
     time was told in their place: in two of three sessions of a simulated bench."""
     inc, tf = (np.array(angles, dtype=float) for angles in (SIXTEEN_INC, SIXTEEN_TF))
-    told = []
-    for seed in (9, 10, 11):
-        rng = np.random.default_rng(seed)
-        at = {"inc_ref_deg": inc + np.degrees(rng.normal(0, 6e-5, inc.size))}
-        at["tf_ref_deg"] = tf + np.degrees(rng.normal(0, 1e-4, inc.size))
-        bench = ForwardModel.of({"base_tilt": {"tilt_x": 3.3e-4, "tilt_y": -1.8e-4}})
-        state = ChainState.from_columns(at | {"t_s": 60.0 * np.arange(inc.size)}, gravity_mps2=STANDARD_GRAVITY_MPS2)
-        readings = bench.predict(state) + rng.normal(0, 1e-5, (3, inc.size))
-        columns = {name: row.tolist() for name, row in zip(("ax", "ay", "az"), readings, strict=True)}
-        columns |= {"inc_ref_deg": list(SIXTEEN_INC), "tf_ref_deg": list(SIXTEEN_TF), "n": [200.0] * inc.size}
-        if spread:
-            columns |= {name: [1.4e-4] * inc.size for name in ("std_ax", "std_ay", "std_az")}
-        found = bench_or_sensor(columns, None).diagnosis
-        assert found is not None
-        told += [claim.effect for claim in found.claims]
-    assert set(told) <= {"base_tilt"}, told
+    rng = np.random.default_rng(seed)
+    at = {"inc_ref_deg": inc + np.degrees(rng.normal(0, 6e-5, inc.size))}
+    at["tf_ref_deg"] = tf + np.degrees(rng.normal(0, 1e-4, inc.size))
+    bench = ForwardModel.of({"base_tilt": {"tilt_x": 3.3e-4, "tilt_y": -1.8e-4}})
+    state = ChainState.from_columns(at | {"t_s": 60.0 * np.arange(inc.size)}, gravity_mps2=STANDARD_GRAVITY_MPS2)
+    readings = bench.predict(state) + rng.normal(0, 1e-5, (3, inc.size))
+    columns = {name: row.tolist() for name, row in zip(("ax", "ay", "az"), readings, strict=True)}
+    columns |= {"inc_ref_deg": list(SIXTEEN_INC), "tf_ref_deg": list(SIXTEEN_TF), "n": [200.0] * inc.size}
+    if spread:
+        columns |= {name: [1.4e-4] * inc.size for name in ("std_ax", "std_ay", "std_az")}
+    found = bench_or_sensor(columns, None).diagnosis
+    assert found is not None
+    told = {claim.effect for claim in found.claims}
+    assert told <= {"base_tilt"}

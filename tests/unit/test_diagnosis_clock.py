@@ -23,6 +23,7 @@ from studies.open_world.deck import rng_of
 Array = NDArray[np.float64]
 Columns = dict[str, Array]
 
+FURTHER = pytest.mark.further
 RATE_HZ, LENGTH_S, NOISE_G = 100.0, 40.0, 1e-3
 AXES = ("ax_g", "ay_g", "az_g")
 T_S = np.arange(0, LENGTH_S, 1 / RATE_HZ)
@@ -65,7 +66,9 @@ def names(found: DiagnosisResult) -> list[str]:
     return [claim.effect for claim in found.claims if not claim.effect.startswith("law")]
 
 
-@pytest.mark.parametrize("early_s", [0.01, 0.03, 0.05, 0.2, 2.0, -0.03])
+@pytest.mark.parametrize(
+    "early_s", [0.01, pytest.param(0.03, marks=FURTHER), 0.05, pytest.param(0.2, marks=FURTHER), 2.0, -0.03]
+)
 def test_a_prediction_that_is_early_is_named_a_time_offset_and_nothing_else(early_s: float) -> None:
     """At 50 ms it was a lag of 40 ms beside an offset of 17 ms, at 200 ms a lag of 0.6 s, a scale and a lever arm."""
     found, session = reported(of(by_hand(), noise=NOISE_G), of(by_hand(), T_S - early_s))
@@ -180,7 +183,7 @@ def test_a_motion_that_runs_slow_with_its_rates_is_no_clock() -> None:
     assert found.remainder.hints[0].startswith("the motion of the prediction and its rates are 0.97 times as fast")
 
 
-@pytest.mark.parametrize("late_s", [0.005, 0.3])
+@pytest.mark.parametrize("late_s", [0.005, pytest.param(0.3, marks=FURTHER)])
 def test_beside_a_motion_that_is_missing_the_shift_of_the_clock_is_told(late_s: float) -> None:
     """What is missing withdrew every name, and laws of single channels shared the shift out among them."""
     found, _ = reported(of(by_hand() + missing_motion(), noise=NOISE_G), of(by_hand(), T_S - late_s))

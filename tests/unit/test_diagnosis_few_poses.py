@@ -13,6 +13,7 @@ from highside.physics.state import ChainState
 
 Array = NDArray[np.float64]
 
+FURTHER = pytest.mark.further
 MODEL = {"sensor": {"free": ["bias", "scale", "misalignment"]}}
 SENSOR = {"bias": {"b_x": 1.2e-3, "b_y": -8e-4, "b_z": 1.5e-3}, "scale": {"s_x": 3e-3, "s_y": -2e-3, "s_z": 1e-3}}
 ROWS = 10
@@ -56,7 +57,7 @@ def test_what_few_poses_show_and_cannot_name_is_no_silence() -> None:
     assert found.verdict not in ("nothing_left_out", "bad_data", "not_testable")
 
 
-@pytest.mark.parametrize("seed", [0, 3])
+@pytest.mark.parametrize("seed", [0, pytest.param(3, marks=FURTHER)])
 def test_scatter_that_is_correlated_over_much_of_a_session_is_no_silence(seed: int) -> None:
     """It was "nothing_left_out": noise of such a memory had been identified, in four independent stretches."""
     columns, drawn = stepped(36, seed), np.random.default_rng([seed, 1]).normal(0, 1.8e-4, 66)

@@ -28,6 +28,8 @@ from studies.giant_recording import MODEL, written
 from tests.unit.test_diagnosis_long import FREE, STRONG, recording, turning
 from tests.unit.test_laws_search import offset_of_temp, problem, session
 
+FURTHER = pytest.mark.further
+
 
 def _nothing_kept(patched: pytest.MonkeyPatch) -> None:
     patched.setattr(evidence, "LAW_EVIDENCE", replace(evidence.LAW_EVIDENCE, kept=0))
@@ -120,7 +122,7 @@ were kept in the memory it was 1,280 bytes a row, 384 MB. What still grows there
 
 
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="needs /proc/self/status (Linux)")
-@pytest.mark.parametrize("way", list(MOST_BYTES_MORE))
+@pytest.mark.parametrize("way", [pytest.param("in the memory", marks=FURTHER), "run by run"])
 def test_rows_of_a_long_recording_take_little_memory_each(way: str, tmp_path: Path) -> None:
     few, many = 100_000, 400_000
     model = tmp_path / "model.toml"

@@ -35,6 +35,7 @@ from studies import rotation_cases as cases
 from studies.giant_recording import MODEL, differences, written
 from tests.unit.test_diagnosis_long import STRONG
 
+FURTHER = pytest.mark.further
 BARE = ProcedureParts.without("laws")
 ROWS = 12_000
 SECONDS = ROWS / 50
@@ -79,7 +80,18 @@ def many(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("highside.diagnosis.rotation.policy.PILOT", short)
 
 
-@pytest.mark.parametrize("case", list(CASES))
+@pytest.mark.parametrize(
+    "case",
+    [
+        "nothing left out",
+        # between nothing and what is strong
+        pytest.param("weak", marks=FURTHER),
+        "strong",
+        pytest.param("an effect that remembers", marks=FURTHER),
+        "rows lost, rows without meaning",
+        "a line",
+    ],
+)
 @pytest.mark.usefixtures("many")
 def test_the_answer_is_that_of_rows_in_the_memory(case: str) -> None:
     session = CASES[case]()

@@ -25,7 +25,7 @@ SEED = "66ff7ef17a204d806ec138e48a9793a8c0c0dbe3"
         "sweep/006/10000000",
         # 14 poses in 1/f noise: 40 nats were asked beside a random walk, and a law of any size gained 15
         "sweep/004/10000000",
-        "sweep/004/100000",
+        pytest.param("sweep/004/100000", marks=FURTHER),
         # a law of time taken for one of temperature left another nothing, and both were lost
         pytest.param("sweep/122/10000", marks=FURTHER),
     ],
@@ -49,7 +49,7 @@ def test_a_law_is_no_larger_than_the_misfit_that_it_is() -> None:
     assert left == pytest.approx([misfit, misfit], rel=0.02)
 
 
-@pytest.mark.parametrize("name", ["null/006", "null/052", "null/066"])
+@pytest.mark.parametrize("name", ["null/006", pytest.param("null/052", marks=FURTHER), "null/066"])
 def test_a_walk_of_poses_is_no_law(name: str, tmp_path: Path) -> None:
     row = score.run_case(score.every_case(SEED, ("null",))[name](), tmp_path)
     assert row["answer"]["verdict"] == "wander"

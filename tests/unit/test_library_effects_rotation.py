@@ -13,6 +13,7 @@ from highside.physics.plan import Profile, RotationPlan, Session
 from studies import diagnosis_deck as deck
 from studies.scenario import random_sensor
 
+FURTHER = pytest.mark.further
 Sizes = dict[str, float]
 
 FREE = (*deck.FREE, "gyro_bias", "gyro_scale")
@@ -33,11 +34,12 @@ def turning(effects: dict[str, Sizes], seed: int = 2) -> RotationSession:
 @pytest.mark.parametrize(
     ("effect", "sizes"),
     [
-        ("gyro_temperature_bias", {"bt_x": 2e-5, "bt_z": -3e-5}),
+        pytest.param("gyro_temperature_bias", {"bt_x": 2e-5, "bt_z": -3e-5}, marks=FURTHER),
         ("gyro_temperature_scale", {"st_z": 1e-5}),
         ("gyro_warmup", {"a_x": 4e-4, "a_y": -5e-4, "tau": 30.0}),
         ("gyro_bias_step", {"a_y": 3e-4, "a_z": -2e-4, "t0": 60.0}),
-        ("load_hysteresis", {"h_x": 1.5e-4, "h_y": -1.2e-4, "width": 0.1}),
+        # in a stepped session too
+        pytest.param("load_hysteresis", {"h_x": 1.5e-4, "h_y": -1.2e-4, "width": 0.1}, marks=FURTHER),
     ],
 )
 def test_named_with_its_size(effect: str, sizes: Sizes) -> None:
