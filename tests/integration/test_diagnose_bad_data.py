@@ -81,6 +81,12 @@ def diagnosed(folder: Path, columns: Columns) -> tuple[int, dict[str, Any]]:
     return status, json.loads((folder / "out" / "diagnosis.json").read_text())
 
 
+@pytest.fixture(scope="module")
+def sound(healthy: Columns, tmp_path_factory: pytest.TempPathFactory) -> tuple[int, dict[str, Any]]:
+    """Status and answer of the recording as it is: asked for once."""
+    return diagnosed(tmp_path_factory.mktemp("sound"), healthy)
+
+
 def wrong_unit(c: Columns, rng: np.random.Generator) -> Columns:
     return c | {name: 9.80665 * c[name] for name in ("ax_g", "ay_g", "az_g")}
 
@@ -149,15 +155,17 @@ def test_a_corrupted_recording_is_bad_data_for_the_right_reason(healthy: Columns
 
 
 @pytest.mark.parametrize("lack", [dropped_frames, missing_values], ids=lambda lack: lack.__name__)
-def test_what_is_missing_is_reported_and_does_no_harm(healthy: Columns, lack: Any, tmp_path: Path) -> None:
+def test_what_is_missing_is_reported_and_does_no_harm(
+    healthy: Columns, sound: tuple[int, dict[str, Any]], lack: Any, tmp_path: Path
+) -> None:
     status, found = diagnosed(tmp_path, lack(dict(healthy), np.random.default_rng(3)))
-    assert found["verdict"] == diagnosed(tmp_path, healthy)[1]["verdict"]
+    assert found["verdict"] == sound[1]["verdict"]
     assert status == 0
     assert [f["check"] for f in found["intake"]] == [lack.__name__]
 
 
-def test_the_healthy_recording_passes(healthy: Columns, tmp_path: Path) -> None:
-    status, found = diagnosed(tmp_path, healthy)
+def test_the_healthy_recording_passes(sound: tuple[int, dict[str, Any]]) -> None:
+    status, found = sound
     assert status == 0
     assert found["intake"] == []
     assert found["verdict"] != "bad_data"
