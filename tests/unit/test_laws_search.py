@@ -10,13 +10,14 @@ from highside.diagnosis.core.fit import base_fit
 from highside.diagnosis.core.observed import Observed
 from highside.diagnosis.laws.chain import chain_problem
 from highside.diagnosis.laws.claims import reported_laws
+from highside.diagnosis.laws.effects import EffectGroup
 from highside.diagnosis.laws.evidence import Families, LawTerm, Whitened
 from highside.diagnosis.laws.few_values_policy import FEW_VALUES
 from highside.diagnosis.laws.found import Found
 from highside.diagnosis.laws.groups import groups_of
 from highside.diagnosis.laws.noise import LadderNoise, LawNoise, Whitener, ladder_lengths, level_lengths
 from highside.diagnosis.laws.noise_policy import LAW_NOISE
-from highside.diagnosis.laws.policy import LAW_EVIDENCE
+from highside.diagnosis.laws.policy import LAW_EVIDENCE, LAW_SEARCH
 from highside.diagnosis.laws.priors import best_priors
 from highside.diagnosis.laws.problem import LawProblem
 from highside.diagnosis.laws.search import Search
@@ -285,3 +286,47 @@ def test_a_place_that_acts_by_rounding_alone_is_none() -> None:
     assert not places & {("gyro_scale", "x"), ("gyro_scale", "y")}
     for one in posed.places:
         assert np.abs(one.field).max() > 1e-6
+
+
+def at_one_inclination(seed: int, n: int = 150) -> tuple[ChainState, np.random.Generator]:
+    rng = np.random.default_rng(seed)
+    t = 2.0 * np.arange(n)
+    temp = 35 + 5 * np.sin(2 * np.pi * t / t[-1] * 1.3 + seed)
+    return ChainState.build(np.full(n, np.radians(60.0)), rng.uniform(0, 2 * np.pi, n), t_s=t, temp_c=temp), rng
+
+
+def test_curves_of_three_sensors_are_no_lean_of_the_level() -> None:
+    """At one inclination a lean, two curves, took two of them, and the third had the rest, as functions of the
+    toolface; in the load that they follow the three are worth more."""
+    state, rng = at_one_inclination(0)
+    load = PLAIN.predict(state)[1]
+    effect = 5e-4 * np.outer([0.9, -1.2, -1.3], np.abs(load) ** 1.5)
+    _, posed = problem(state, PLAIN.predict(state) + effect + SIGMA * rng.normal(size=(3, state.n)))
+    found = Search(posed).run()
+    assert sorted(t.group.units[0].channel for t in found.terms) == ["x", "y", "z"]
+    assert all(t.group.place == "offset" and t.group.depends_on[0].startswith("load") for t in found.terms)
+
+
+@pytest.mark.parametrize("with_name", [True, False])
+def test_a_search_ends_where_what_is_known_is_found_again_or_is_out_of_reach(with_name: bool) -> None:
+    """A name that explains it all needs no second look once it is found among laws; laws alone, far behind, none."""
+    state, rng = at_one_inclination(1)
+    # what the name does to two channels in one proportion, no law does
+    load, warm, turn = PLAIN.predict(state), (state.temp_c - 35) / 10, 3 * state.tf_rad
+    column = axis(0) * load[1] * warm + axis(2) * np.sin(turn) * warm**2
+    _, posed = problem(state, PLAIN.predict(state) + 4e-3 * column + SIGMA * rng.normal(size=(3, state.n)))
+    own = EffectGroup.of("name", column[None], posed.floor)
+    among = Search(posed, [*groups_of(posed), own])
+    known = among.beside([own], [])
+    search = among if with_name else among.without_effects()
+    starts = list[str]()
+    with pytest.MonkeyPatch.context() as patch:
+        for name in ("_from_curves", "_from_onsets"):
+            patch.setattr(Search, name, lambda self, state, name=name: starts.append(name) or state)
+        found = search.run(known)
+        ended = list(starts)
+        search.run()
+    assert ended == []
+    assert starts
+    assert [t.group.effect for t in found.terms if t.group.effect] == (["name"] if with_name else [])
+    assert with_name == (found.evidence > known.evidence - LAW_SEARCH.hopeless)

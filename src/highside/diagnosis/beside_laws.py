@@ -210,10 +210,10 @@ def _chosen(
     search = Search(problem, [*groups_of(problem), *own])
     kept = search.beside(own, beside.terms)
     # a search that begins with a name may not find its way to the one law that stands for it and the rest
-    whole = search.run()
+    whole = search.run(kept)
     # a search among all that ends without a name is one among laws alone
     mixed = any(t.group.effect for t in whole.terms)
-    tried = [kept, whole, *([search.without_effects().run()] if mixed else [])]
+    tried = [kept, whole, *([search.without_effects().run(kept)] if mixed else [])]
     every = {c.effect for c in claims}
     quietest = min(float(found.noise.factor.max()) for found in tried)
     chosen = max(tried, key=lambda found: _worth(found, every, quietest))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import replace
 
@@ -22,7 +22,7 @@ from highside.diagnosis.laws.other_than_time import without_time
 from highside.diagnosis.laws.pairs import elsewhere, further_pairs
 from highside.diagnosis.laws.policy import LAW_SEARCH
 from highside.diagnosis.laws.priors import Prior
-from highside.diagnosis.laws.state import State, which
+from highside.diagnosis.laws.state import State, names_alone, which, worth
 from highside.diagnosis.laws.steps import Steps
 
 
@@ -68,8 +68,12 @@ class Search(Steps):
         self._tried = set()
         return found
 
-    def run(self) -> Found:
-        """All starts; the highest evidence stays."""
+    def run(self, known: Found | None = None) -> Found:
+        """All starts; the highest evidence stays.
+
+        Names that are `known` beforehand, beside which nothing gains, are the answer once a start finds them again. A
+        search that is far behind what is known after its first starts goes no further.
+        """
         floor = LawNoise.floor_alone(self.problem)
         first = self._learn([], self.problem.residual)
         quiet = self._whitened(State([], floor, 0.0, self.problem.residual))
@@ -80,7 +84,8 @@ class Search(Steps):
         # beside the floor first: what is whitened under it is there
         other = self._grown(State([], floor, -np.inf, self.problem.residual), relearn=False)
         two = self._learn(other.terms, self.problem.residual)
-        if self._at_the_floor(two, first):
+        again = known is not None and names_alone(known.terms) == names_alone(two.terms) != set()
+        if (known is not None and again and known.next_gain < LAW_SEARCH.gain) or self._at_the_floor(two, first):
             proved = self._proved(two)
             if which(proved.terms) == which(two.terms):
                 # nothing is left that another start could find
@@ -90,7 +95,9 @@ class Search(Steps):
         if two.worth >= one.worth and which(two.terms) != which(one.terms):
             two = self._proved(self._grown(self._proved(two), relearn=True))
             one = max((one, two), key=lambda s: s.worth)
-        one = self._from_curves(one)
+        if known is not None and one.worth < worth(known.evidence, known.terms) - LAW_SEARCH.hopeless:
+            return self._found(one)
+        one = self._from_curves(self._from_single_curves(one))
         one = self._from_curves(self._from_between(one)) if self.problem.every_pair else self._from_pairs(one)
         one = self._from_its_noise(one)
         if self.problem.every_pair and one.noise.remembers:
@@ -120,7 +127,7 @@ class Search(Steps):
         if not 1 <= len(terms) <= LAW_SEARCH.curves_at_the_floor or state.noise.remembers:
             return False
         plain = all(len(t.group.axes) == 1 for t in terms) and (
-            len(terms) == 1 or not any("time" in t.group.depends_on for t in terms)
+            len(terms) == 1 or not any("time" in t.group.depends_on or len(t.group.units) > 1 for t in terms)
         )
         return bool(plain and self._quiet(state) and state.evidence - nothing.evidence >= LAW_SEARCH.gain * len(terms))
 
@@ -167,11 +174,24 @@ class Search(Steps):
         possible = product or unsure if self.problem.every_pair else product and not self._quiet(best)
         if not possible or learnt >= FEW_VALUES.unmeasured:
             return best
-        barred, self.families = self.families.barred, self.families.without(lambda group: len(group.axes) > 1)
+        return self._begun_without(best, lambda group: len(group.axes) > 1)
+
+    def _from_single_curves(self, best: State) -> State:
+        """What was found, or what begins with laws of one curve each and does better.
+
+        A lean of the level has two curves: taken one by one it explains more than either of two sensors' in its place,
+        and bars both."""
+        if len(best.terms) < 2 or all(len(term.group.units) == 1 for term in best.terms):
+            return best
+        return self._begun_without(best, lambda group: len(group.units) > 1)
+
+    def _begun_without(self, best: State, barred: Callable[[LawGroup], bool]) -> State:
+        """What was found, or what begins without some groups, goes on with all of them, and does better."""
+        before, self.families = self.families.barred, self.families.without(barred)
         floor = LawNoise.floor_alone(self.problem)
         start = self._grown(State([], floor, -np.inf, self.problem.residual), relearn=False)
         state = self._proved(self._grown(self._learn(start.terms, self.problem.residual), relearn=True))
-        self.families = self.families.of(self.groups, barred)
+        self.families = self.families.of(self.groups, before)
         made = self._proved(self._grown(state, relearn=True))
         return max((best, made), key=lambda s: s.worth)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,12 +25,22 @@ class State:
     @property
     def worth(self) -> float:
         """Its evidence less what each law must be worth: of sets that explain as much the one of fewer laws stays."""
-        return self.evidence - LAW_SEARCH.each * len(self.terms)
+        return worth(self.evidence, self.terms)
 
     @property
     def less_tries(self) -> float:
         """What it is worth less the logarithm of how many like its laws are tried: onsets are many."""
         return self.worth - sum(float(np.log(t.group.tries)) for t in self.terms)
+
+
+def worth(evidence: float, terms: Sequence[LawTerm]) -> float:
+    """Evidence of terms less what each of them must be worth."""
+    return evidence - LAW_SEARCH.each * len(terms)
+
+
+def names_alone(terms: Sequence[LawTerm]) -> set[str]:
+    """The effects of the library that terms are, at whatever shape; none where a law is among them."""
+    return {t.group.effect for t in terms} if all(t.group.effect for t in terms) else set()
 
 
 def which(terms: list[LawTerm]) -> set[int]:
