@@ -40,6 +40,7 @@ USED = (
 )
 """What a user may have left in a checkout."""
 NO_REGISTRY = re.compile(r"failed to fetch|dns error|error sending request|connection (refused|reset)", re.IGNORECASE)
+FURTHER = pytest.mark.further
 FORBIDDEN_ON_A_TOOL = ("nicegui", "fastapi", "numba", "llvmlite", "matplotlib", "bokeh", "pyarrow", "pandas")
 
 
@@ -548,7 +549,18 @@ def everything_oldest(install: Callable[[str, str], Installed]) -> Installed:
 
 @pytest.mark.parametrize(
     "does",
-    [reads_a_dbc, draws, prints, serves_figures, exports, imports, shows_plots, signs, compiles, sums_up_a_fleet],
+    [
+        reads_a_dbc,
+        pytest.param(draws, marks=FURTHER),
+        pytest.param(prints, marks=FURTHER),
+        serves_figures,
+        exports,
+        imports,
+        shows_plots,
+        signs,
+        compiles,
+        pytest.param(sums_up_a_fleet, marks=FURTHER),
+    ],
 )
 def test_all_extras_at_their_oldest(
     does: Does, everything_oldest: Installed, project_root: Path, bench_data: Path, tmp_path: Path
