@@ -17,7 +17,7 @@ $(VENV)/.all: requirements.lock $(VENV)/.run
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements.lock
 	touch $@
 
-## test: set up everything the tests need and run all checks and tests; those that judge a pace or a delay run alone
+## test: set up everything the tests need and run all checks and tests; those that judge a pace or a delay beside no live ones
 test: packages $(VENV)/.test
 	@.ci/suites $(BIN)/python $(VENV)/logs make --no-print-directory check
 

@@ -1,5 +1,6 @@
 """`.ci/suites`, which `make test` runs: every test file in one piece, two pieces of live parts at a time and one
-that computes at a lower priority; each one's output is shown, and one that failed is a failure."""
+that computes at a lower priority, after them what judges a pace and one that computes at the lowest; each one's output
+is shown, and one that failed is a failure."""
 
 from __future__ import annotations
 
@@ -79,7 +80,9 @@ def books_of(run: Path) -> list[tuple[str, str]]:
     return [(what, arguments) for what, _, arguments in (line.partition(" ") for line in lines)]
 
 
-def test_every_test_file_is_in_one_piece_and_those_that_judge_a_pace_run_alone(a_run: Path, project_root: Path) -> None:
+def test_every_test_file_is_in_one_piece_and_no_live_one_runs_beside_those_that_judge_a_pace(
+    a_run: Path, project_root: Path
+) -> None:
     books = books_of(a_run)
     running: list[str] = []
     most_live = most = 0
@@ -90,14 +93,21 @@ def test_every_test_file_is_in_one_piece_and_those_that_judge_a_pace_run_alone(a
         running.append(arguments)
         most = max(most, len(running))
         most_live = max(most_live, sum(map(waits_for_others, running)))
-        if arguments.endswith("-m timing"):
-            assert running == [arguments]
+        if any(one.endswith("-m timing") for one in running):
+            assert sum(map(waits_for_others, running)) == 1
+            assert len(running) <= 2
     assert most_live == 2
     assert most == 3
+    # 19 is the lowest there is, and this test may run at it
+    before, beside_a_pace = min(os.nice(0) + 5, 19), 19
+    computing = set()
     for line in (a_run / "priorities").read_text().splitlines():
         priority, _, arguments = line.partition(" ")
-        # 19 is the lowest there is, and this test may run at it
-        assert int(priority) == min(os.nice(0) + (0 if waits_for_others(arguments) else 5), 19), line
+        if waits_for_others(arguments):
+            assert int(priority) == os.nice(0), line
+        else:
+            computing.add(int(priority))
+    assert computing == {before, beside_a_pace}
     given = [arguments for what, arguments in books if what == "begin" and "-m timing" not in arguments]
     places = [word for arguments in given for word in arguments.split() if word.startswith("tests/")]
     for path in sorted((project_root / "tests").rglob("test_*.py")):
