@@ -6,6 +6,7 @@ import pytest
 from highside.api.diagnosis import diagnose
 from highside.config.model import Model
 
+FURTHER = pytest.mark.further
 SIGMA = 2e-4
 MODEL = Model.model_validate({"sensor": {"noise_g": SIGMA}})
 
@@ -29,9 +30,16 @@ def poses(seed: int, order: int, size_g: float, toolfaces: int) -> dict[str, np.
     }
 
 
-@pytest.mark.parametrize("size_g", [1e-3, 1e-2, 1e-1])
+@pytest.mark.parametrize("size_g", [1e-3, pytest.param(1e-2, marks=FURTHER), 1e-1])
 @pytest.mark.parametrize(
-    ("order", "toolfaces", "alike"), [(5, 12, 7), (5, 18, None), (7, 18, 11), (3, 18, None), (8, 24, None)]
+    ("order", "toolfaces", "alike"),
+    [
+        (5, 12, 7),
+        pytest.param(5, 18, None, marks=FURTHER),
+        (7, 18, 11),
+        pytest.param(3, 18, None, marks=FURTHER),
+        (8, 24, None),
+    ],
 )
 def test_one_whole_order_is_told_as_it_is(order: int, toolfaces: int, alike: int | None, size_g: float) -> None:
     made = diagnose(poses(order, order, size_g, toolfaces), MODEL)

@@ -18,7 +18,7 @@ from highside.diagnosis.laws.groups import groups_of
 from highside.diagnosis.laws.noise import LadderNoise, LawNoise, Whitener, ladder_lengths, level_lengths
 from highside.diagnosis.laws.noise_policy import LAW_NOISE
 from highside.diagnosis.laws.policy import LAW_EVIDENCE, LAW_SEARCH
-from highside.diagnosis.laws.priors import best_priors
+from highside.diagnosis.laws.priors import Prior, best_priors
 from highside.diagnosis.laws.problem import LawProblem
 from highside.diagnosis.laws.search import Search
 from highside.physics.forward import ForwardModel
@@ -330,3 +330,20 @@ def test_a_search_ends_where_what_is_known_is_found_again_or_is_out_of_reach(wit
     assert starts
     assert [t.group.effect for t in found.terms if t.group.effect] == (["name"] if with_name else [])
     assert with_name == (found.evidence > known.evidence - LAW_SEARCH.hopeless)
+
+
+def test_a_law_that_was_taken_for_noise_is_as_large_as_beside_the_floor_alone() -> None:
+    """Noise as large as half of a law, learnt beside the law at a size that is far too small, is no end of a search."""
+    state = session(7, 120)
+    law = offset_of_temp(state) * 20
+    noise = SIGMA * np.random.default_rng(8).normal(size=(3, state.n))
+    search = Search(problem(state, PLAIN.predict(state) + law + noise)[1])
+    group = next(g for g in search.groups if g.label == "offset_x_temp")
+    beside = search._learn([LawTerm(group, Prior(1e-12, 1.0))], search.problem.residual)
+    assert beside.noise.times_the_floor(search.problem).max() > 3.0
+    made = search._beside_less_noise(beside)
+    assert [t.group for t in made.terms] == [group]
+    assert made.evidence > beside.evidence + 100.0
+    assert made.noise.times_the_floor(search.problem).max() < 1.3
+    # at the floor there is nothing to do
+    assert search._beside_less_noise(made) is made

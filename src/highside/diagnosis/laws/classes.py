@@ -12,7 +12,7 @@ from highside.diagnosis.laws.evidence import LawTerm, Whitened
 from highside.diagnosis.laws.groups import LawGroup, confounded, one_quantity, same_angle, values_of
 from highside.diagnosis.laws.policy import LAW_SEARCH
 from highside.diagnosis.laws.problem import LawProblem
-from highside.physics.law import Axis
+from highside.physics.law import Axis, Function
 
 
 def class_of(
@@ -41,7 +41,19 @@ def _twins(problem: LawProblem, own: LawGroup) -> list[LawGroup]:
         return []
     places = [p for p in problem.places if same_angle(own.units[0], p)]
     twins = [replace(own, units=(place,)) for place in places]
-    return twins + [replace(own, axes=axes) for axes in _same_quantities(problem, own)]
+    twins += [replace(own, axes=axes) for axes in _same_quantities(problem, own)]
+    return twins + _turned_by_the_rate(problem, own)
+
+
+def _turned_by_the_rate(problem: LawProblem, own: LawGroup) -> list[LawGroup]:
+    """A time that is off turns the tool by the rate times that: an error of the toolface that is straight in the rate.
+    As a surface over two quantities it may be far behind."""
+    rate = problem.covariates.get("rate")
+    if own.place != "timing" or "rate" in own.depends_on or rate is None or np.ptp(rate) == 0.0:
+        return []
+    straight = Axis("rate", float(rate.min()), float(rate.max()), (Function("straight"),))
+    places = [p for p in problem.places if p.place == "toolface"]
+    return [replace(own, units=(place,), axes=(*own.axes, straight)) for place in places]
 
 
 def _same_quantities(problem: LawProblem, own: LawGroup) -> list[tuple[Axis, ...]]:

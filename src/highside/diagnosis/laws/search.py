@@ -104,7 +104,8 @@ class Search(Steps):
             one = self._from_edges(one)
         if not self._variants:
             return self._found(one)
-        return self._found(self._without_time(one if self._needs_no_onset(one) else self._from_onsets(one)))
+        one = one if self._needs_no_onset(one) else self._from_onsets(one)
+        return self._found(self._without_time(self._beside_less_noise(one)))
 
     def resumed(self, found: Found) -> Found:
         """What was found goes on where groups have joined since, or what is taken out beyond first order has changed:
@@ -118,7 +119,7 @@ class Search(Steps):
             two = self._settled(self._learn(start.terms, self.problem.residual))
             if two.worth > one.worth - LAW_SEARCH.gain:
                 one = max((one, self._proved(self._grown(self._proved(two), relearn=True))), key=lambda s: s.worth)
-        return self._found(self._without_time(one))
+        return self._found(self._without_time(self._beside_less_noise(one)))
 
     def _at_the_floor(self, state: State, nothing: State) -> bool:
         """Whether one curve or two leave the floor alone, and are worth what laws must be beside noise alone. Curves in
@@ -207,6 +208,25 @@ class Search(Steps):
                 break
             best = made
         return best
+
+    def _beside_less_noise(self, best: State) -> State:
+        """What was found, or its laws as large as they are beside the floor alone, with less noise learnt and of higher
+        evidence: noise that took the place of half of a law leaves it too small for all of it."""
+        if not best.terms or self._quiet(best):
+            return best
+        state = replace(best, noise=LawNoise.floor_alone(self.problem))
+        for _ in range(LAW_SEARCH.rounds):
+            state = self._learn(self._resized(state), self.problem.residual)
+        return self._proved(self._settled(state)) if state.evidence > best.evidence + LAW_SEARCH.rival_gain else best
+
+    def _resized(self, state: State) -> list[LawTerm]:
+        """The terms, each beside the others as its best prior under this noise has it."""
+        terms = list(state.terms)
+        for k, term in enumerate(terms):
+            others = [t for i, t in enumerate(terms) if i != k]
+            gains, priors = self._whitened(state).of_groups([term.group]).scores(others, within=np.inf)
+            terms[k] = LawTerm(term.group, priors[0]) if np.isfinite(gains[0]) else term
+        return terms
 
     def _from_its_noise(self, best: State) -> State:
         """What was found, or what begins anew without any law beside the noise that was learnt last, and does better:
