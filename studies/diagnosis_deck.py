@@ -15,10 +15,12 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from highside.diagnosis.core.floor import NoiseFloor
 from highside.diagnosis.core.method import WHOLE, ProcedureParts
 from highside.diagnosis.core.result import DiagnosisResult
 from highside.diagnosis.engine import diagnose_poses
@@ -174,6 +176,11 @@ def null(state: ChainState, kind: str, seed: int) -> PoseSession:
     rng = np.random.default_rng([seed, *kind.encode()])
     sensor, _ = sensor_and_base(state, rng)
     return PoseSession(sensor.predict(state) + NULLS[kind](state, rng), np.ones(state.n), state)
+
+
+def measured(session: PoseSession) -> PoseSession:
+    """As recorded row by row: how well means repeat is known, and a search for laws ends sooner."""
+    return replace(session, floor=NoiseFloor(np.full(session.mean.shape, SIGMA_G), 1000.0))
 
 
 def diagnosed(session: PoseSession, method: ProcedureParts = WHOLE) -> DiagnosisResult:

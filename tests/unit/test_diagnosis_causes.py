@@ -47,7 +47,7 @@ def test_an_effect_follows_its_cause(effect: str, covariate: str | None) -> None
 )
 def test_a_diagnosis_tells_the_cause(effect: str, covariate: str, harmonic: int | None) -> None:
     session, _ = deck.single(STATE, effect, 400.0, seed=3)
-    found = deck.diagnosed(session)
+    found = deck.diagnosed(deck.measured(session))
     assert [claim.effect for claim in found.claims] == [effect]
     place = found.location[0]
     assert (place.covariate, place.harmonic) == (covariate, harmonic)

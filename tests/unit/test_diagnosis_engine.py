@@ -40,7 +40,7 @@ def simulated(state: ChainState, effects: dict[str, dict[str, float]], seed: int
 def single(effect: str) -> tuple[DiagnosisResult, dict[str, float]]:
     """The answer to a session in which one effect is left out, and its true sizes: asked for once."""
     session, truth = deck.single(STATE, effect, 400.0, seed=11)
-    return deck.diagnosed(session), truth
+    return deck.diagnosed(deck.measured(session)), truth
 
 
 @pytest.mark.parametrize(
@@ -72,7 +72,7 @@ def test_a_single_effect_is_named_and_its_size_is_found(effect: str) -> None:
 
 def test_two_effects_at_once_are_both_named() -> None:
     effects = {"sag": {"s": 3e-4}, "backlash": {"h_tf": 1.5e-4, "h_inc": 0.0}}
-    found = deck.diagnosed(simulated(STATE, effects, 4))
+    found = deck.diagnosed(deck.measured(simulated(STATE, effects, 4)))
     assert found.verdict in ("named", "named_plus")
     assert {claim.effect for claim in found.claims} == set(effects)
 

@@ -48,7 +48,7 @@ def stepped(effect: str, sizes: Sizes, seed: int, state: ChainState | None = Non
     state = deck.design() if state is None else state
     rng = np.random.default_rng([seed, *effect.encode()])
     mean = random_sensor(rng).with_effects({effect: sizes}).predict(state) + deck.white_noise(state, rng)
-    return PoseSession(mean, np.ones(state.n), state)
+    return deck.measured(PoseSession(mean, np.ones(state.n), state))
 
 
 @pytest.mark.parametrize(
