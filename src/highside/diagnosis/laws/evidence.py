@@ -324,13 +324,16 @@ class Whitened:
         order = np.sort(np.concatenate([[0.0], *bounds]))
         high = float(order[-min(LAW_EVIDENCE.first, order.size)])
         looked = [np.zeros(bound.size, dtype=bool) for bound in bounds]
+        # what is best is among them early, and what stays behind it need not be looked at so closely
+        likely = sorted(range(len(parts)), key=lambda k: -float(bounds[k].max(initial=-np.inf)))
         # the highest bounds first; if none of these is enough, what may be; then what may come near the best
         for stage in range(3):
             best = float(gains.max(initial=0.0))
             if (stage == 1 and best >= least) or (stage == 2 and best < least):
                 continue
             worth = (high, least, best - within)[stage]
-            for k, (part, (gram, drive), bound) in enumerate(zip(parts, left, bounds, strict=True)):
+            for k in likely:
+                part, (gram, drive), bound = parts[k], left[k], bounds[k]
                 picked = np.flatnonzero((bound >= worth) & ~looked[k] & np.isfinite(bound))
                 if not picked.size:
                     continue

@@ -34,8 +34,8 @@ def as_rivals(problem: LawProblem, beside: Found, groups: list[LawGroup], own: S
     problem = replace(problem, free=independent(problem.free, problem.floor))
     families = Families(problem, groups)
     white = Whitened(families, Whitener(problem, beside.noise), problem.residual)
-    _, priors = white.scores([], within=np.inf)
-    terms = tuple(LawTerm(group, priors[groups.index(group)]) for group in own)
+    _, priors = white.of_groups(list(own)).scores([], within=np.inf)
+    terms = tuple(LawTerm(group, prior) for group, prior in zip(own, priors, strict=True))
     return Found(problem, terms, beside.noise, 0.0, (), (), problem.residual, families)
 
 
@@ -114,7 +114,7 @@ def leaves_most(found: Found) -> bool:
 def _rivals(white: Whitened, terms: list[LawTerm], which: list[int]) -> tuple[list[str], float]:
     """Laws that stand for these of the terms as well, the best first; and how far these are ahead of the best, nats."""
     others = [t for i, t in enumerate(terms) if i not in which]
-    gains, _ = white.scores(others, within=np.inf)
+    gains, _ = white.scores(others, within=LAW_SEARCH.hopeless)
     worth = white.total(terms) - white.total(others)
     does = white.left_of(terms, which)
     told: dict[tuple[object, ...], str] = {}

@@ -120,6 +120,9 @@ class LawEvidencePolicy:
     ridge: float = 1e-9
     """Share of each column's own size added when its group is fitted without a prior: functions that are alike.
     Source: rounding."""
+    halved: int = 4
+    """Groups of which one is not positive that are still halved to find it. Source: chosen; eigenvalues of four small
+    matrices cost as much as a call."""
     nothing: float = 1e-30
     """Square of whitened columns below which they are nothing. Source: rounding of columns that what is free takes."""
     first: int = 24

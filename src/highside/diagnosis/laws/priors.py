@@ -47,10 +47,18 @@ def bound_of(gram: Array, drive: Array) -> Array:
     size = np.sqrt(np.maximum(power, LAW_EVIDENCE.ridge * most))
     unit = gram / size[:, :, None] / size[:, None, :] + LAW_EVIDENCE.ridge * np.eye(gram.shape[1])
     along = drive / size
+    return _explained(unit, along)
+
+
+def _explained(unit: Array, along: Array) -> Array:
+    """(G,) half of along' unit^-1 along. A difference of large numbers leaves values below zero by rounding: of those
+    that are not positive, found by halves, these are taken for the ridge."""
     try:
         return np.asarray(0.5 * np.sum(cholesky_and_half(unit, along)[1] ** 2, axis=1))
     except np.linalg.LinAlgError:
-        # a difference of large numbers leaves values below zero by rounding
+        half = len(unit) // 2
+        if half >= LAW_EVIDENCE.halved:
+            return np.concatenate([_explained(unit[:half], along[:half]), _explained(unit[half:], along[half:])])
         values, vectors = np.linalg.eigh(unit)
         turned = np.einsum("gkv,gk->gv", vectors, along)
         return np.asarray(0.5 * np.sum(turned**2 / np.maximum(values, LAW_EVIDENCE.ridge), axis=1))
