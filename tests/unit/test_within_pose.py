@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from highside.arrays import Array
-from highside.diagnosis.poses.within import unsteady_poses, within_poses
+from highside.diagnosis.poses.within import moving_pose, unsteady_poses, within_poses
 
 POSES, ROWS, STEP_S, SIGMA_G = 24, 50, 0.2, 2e-4
 
@@ -142,3 +142,33 @@ def test_noise_moves_the_means_as_much_as_the_rows() -> None:
     for seed in range(300):
         learned = of_a_mean * np.sqrt(rng.chisquare(6, 3) / 6)
         assert unsteady_poses(*session_of(np.zeros((POSES, 5)), seed), learned, 6.0) == ()
+
+
+def few_rows(seed: int, loud: Array | None = None, outlier_g: float = 0.0) -> tuple[Array, list[np.ndarray]]:
+    """17 poses of 7 rows: too few for the course of each."""
+    rng = np.random.default_rng(seed)
+    noise = SIGMA_G * rng.standard_normal((3, 17, 7)) * (np.ones(17) if loud is None else loud)[:, None]
+    noise[0, 4, 6] += outlier_g
+    rows = rng.uniform(-1, 1, (3, 17, 1)) + noise
+    return np.asarray(rows.reshape(3, -1)), [np.arange(7 * k, 7 * k + 7) for k in range(17)]
+
+
+@pytest.mark.parametrize("size_g", [4e-3, 1.0])
+def test_a_single_pose_in_which_readings_move_is_found(size_g: float) -> None:
+    """A law that sets in while one pose is held raised what all were said to scatter by, and "nothing" was left out."""
+    readings, rows = few_rows(1)
+    readings[:2, rows[9]] += size_g * np.array([0.0, -0.1, 0.2, 0.6, 0.9, 1.0, 1.0])
+    (found,) = within_poses(readings, rows, 5.0)
+    assert found.check == "within_pose"
+    assert found.channels == ("ax", "ay")
+    assert found.remedy.startswith("readings move while pose 10 is held, unlike in the others: ax by ")
+
+
+def test_a_loud_pose_an_outlying_row_and_noise_move_nothing() -> None:
+    """One in a hundred loud poses goes one way by chance; more than 5 of 100 are less likely than 0.1 %."""
+    moved = 0
+    for seed in range(100):
+        moved += bool(moving_pose(*few_rows(seed, np.where(np.arange(17) == seed % 17, 6.0, 1.0))))
+        assert moving_pose(*few_rows(seed, outlier_g=0.1)) == ()
+        assert moving_pose(*few_rows(seed)) == ()
+    assert moved <= 5

@@ -78,6 +78,7 @@ SAID = (
     said_later("%(words)s: %(sizes)s; wait longer before a pose is read, or look for what moves"),
     said_later("readings creep while a pose is held, each pose its own way"),
     said_later("readings move while a pose is held, by more than their mean does from pose to pose"),
+    said_later("readings move while pose %(pose)s is held, unlike in the others"),
     said_later("readings settle within the first %(time)s s of each pose"),
     said_later("readings drift alike in every pose"),
     said_later("readings drift while a pose is held, in proportion to its load"),

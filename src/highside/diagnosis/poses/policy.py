@@ -109,6 +109,12 @@ class WithinPolicy:
     """Scatter of the rows of a pose, in that of the means about the fit times the root of their number, from which it
     is no noise. Source: at most 2.1 in 600 channels of 100 sessions with nothing hidden and 100 with known effects,
     drawn by the hash bfce0efc, under all kinds of noise; 6.6 for a course of 33 sigma that follows the toolface."""
+    of_a_median: float = 0.37
+    """Degrees of freedom that the median of a normal deviate's squares is worth, for each. Source: the asymptotic
+    variance of a median of a chi-square of one."""
+    goes_one_way: float = 1e-2
+    """Probability of a pose's trend beside its own scatter below which it goes one way. Source: chosen; beside it the
+    pose must move far more than all others."""
     clipped: float = 4.0
     """Standard deviations beyond which a row's difference is cut off. Source: noise with tails (Student, 3 degrees of
     freedom) in 100 poses of 8 rows crept in 31 of 300 sessions without it."""

@@ -54,7 +54,46 @@ def within_poses(accel_g: Array, rows: Sequence[Ints], row_seconds: float) -> tu
         courses = _courses(left, row_seconds, rounding) if length >= WITHIN.least_rows else []
         for course in courses or _of_any_shape(left, means, row_seconds, rounding):
             found.setdefault(course.words, []).append((name, course))
-    return tuple(_finding(words, each) for words, each in found.items())
+    return tuple(_finding(words, each) for words, each in found.items()) or moving_pose(accel_g, rows)
+
+
+def moving_pose(accel_g: Array, rows: Sequence[Ints]) -> tuple[Finding, ...]:
+    """The pose in which rows (3, N) move far more than in all others, and by more than they scatter there.
+
+    Its trend, all channels together, is compared with the median of all poses' (of a normal deviate's square), and with
+    what the pose's own rows leave of it: noise that is louder in one pose scatters there, and does not go one way.
+    """
+    kept = [(k, r) for k, r in enumerate(rows) if r.size >= WITHIN.fewest_rows]
+    if len(kept) < WITHIN.least_poses:
+        return ()
+    trend, one_way = np.empty((2, len(accel_g), len(kept)))
+    ranges, usual = np.empty((len(accel_g), len(kept))), np.empty((len(accel_g), 1))
+    for c, channel in enumerate(accel_g):
+        from_mean = [channel[r] - np.mean(channel[r]) for _, r in kept]
+        far = WITHIN.clipped * float(np.median(np.abs(np.concatenate(from_mean)))) / WITHIN.mad
+        for k, values in enumerate(from_mean):
+            line = np.linspace(-1.0, 1.0, values.size)
+            line /= np.linalg.norm(line)
+            # a single row that is far off is no trend
+            trend[c, k] = float(np.clip(values, -far, far) @ line) ** 2
+            ranges[c, k] = np.ptp(values)
+            along = float(values @ line) ** 2
+            one_way[c, k] = along / max(float(values @ values) - along, 1e-300)
+        rounding = rounding_variance(lattice_step(np.concatenate([channel[r] for _, r in kept])))
+        usual[c] = max(float(np.median(trend[c])) / WITHIN.mad**2, rounding, 1e-300)
+    ratio = np.sum(trend / usual, axis=0)
+    freedom = np.array([r.size - 2.0 for _, r in kept]) * len(accel_g)
+    own = np.sum(one_way, axis=0) * freedom / len(accel_g) ** 2
+    known = len(accel_g) * WITHIN.of_a_median * len(kept)
+    p = len(kept) * np.array([float(fdtrc(len(accel_g), known, one / len(accel_g))) for one in ratio])
+    alone = np.array([float(fdtrc(len(accel_g), f, one)) for f, one in zip(freedom, own, strict=True)])
+    k = int(np.argmin(np.where(alone < WITHIN.goes_one_way, p, 1.0)))
+    if not (p[k] < WITHIN.chance and alone[k] < WITHIN.goes_one_way):
+        return ()
+    words = f"readings move while pose {kept[k][0] + 1} is held, unlike in the others"
+    which = np.flatnonzero(trend[:, k] / usual[:, 0] > ratio[k] / len(accel_g) ** 2)
+    each = [(CHANNELS[c], _Course(words, float(ranges[c, k]), float(p[k]))) for c in which]
+    return (_finding(words, each),) if each else ()
 
 
 def _of_any_shape(left: Array, means: Array, row_seconds: float, rounding: float) -> list[_Course]:
