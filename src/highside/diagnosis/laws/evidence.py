@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Set as AbstractSet
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TypeVar
 
 import numpy as np
 
@@ -17,6 +19,8 @@ from highside.diagnosis.laws.noise import Whitener, evidence
 from highside.diagnosis.laws.policy import LAW_EVIDENCE, LAW_SEARCH
 from highside.diagnosis.laws.priors import Prior, best_priors, bound_of, shown_of
 from highside.diagnosis.laws.problem import LawProblem
+
+_T = TypeVar("_T")
 
 
 @dataclass(frozen=True)
@@ -100,6 +104,15 @@ class _Part:
     family: _Family
     gram: Array
     columns: Array | None
+
+
+def _forget(known: dict[LawGroup, _T], size: Callable[[_T], int], needed: AbstractSet[LawGroup]) -> None:
+    """Drops what was kept first, but for what is needed, while more numbers are kept than there is room for."""
+    excess = sum(map(size, known.values())) - LAW_EVIDENCE.kept
+    for group in [one for one in known if one not in needed]:
+        if excess <= 0:
+            return
+        excess -= size(known.pop(group))
 
 
 class _WhiteFamilies:
@@ -201,6 +214,7 @@ class _WhiteFamilies:
             return first.columns_of(group)
         if group not in self._white:
             self._white[group] = self.whitener.white(raw_columns_of(self.problem, group))
+            _forget(self._white, lambda columns: columns.size, {group})
         return self._white[group]
 
     def beside(self, terms: Sequence[LawTerm], residual: Array) -> list[tuple[_Part, Array, Array]]:
@@ -220,6 +234,7 @@ class _WhiteFamilies:
         if not projected:
             self._projections = residual, [one[:, :, 0] for one in made.pop()]
         self._across.update(zip(lacking, made, strict=True))
+        _forget(self._across, lambda parts: sum(one.size for one in parts), {term.group for term in terms})
         assert self._projections is not None
         own = (self._free_across, *(self._across[term.group] for term in terms))
         across = [np.concatenate(parts, axis=2) for parts in zip(*own, strict=True)]
