@@ -164,12 +164,14 @@ def test_of_each_kind_that_has_further_cases_some_stay(project_root: Path) -> No
 
 def test_interrupted_it_ends_what_runs_and_shows_its_last_lines(tmp_path: Path, project_root: Path) -> None:
     command = suites(tmp_path, project_root, pause=100.0)
-    logs = [tmp_path / "logs" / f"{piece}.log" for piece in ("checks", "guests")]
+    # all that run at first: of a signal that comes just before a shell waits for them it hears after one has ended
+    logs = [tmp_path / "logs" / f"{piece}.log" for piece in ("checks", "guests", "integration-1-of-8")]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         deadline = time.monotonic() + 60.0
         while not all(log.exists() and "ran: " in log.read_text() for log in logs):
             assert time.monotonic() < deadline
             time.sleep(0.05)
+        time.sleep(1.0)
         process.send_signal(signal.SIGTERM)
         said, _ = process.communicate(timeout=60.0)
     assert process.returncode == 130
