@@ -132,8 +132,7 @@ class LawEvidencePolicy:
     kept: int = 20_000_000
     """Numbers of whitened columns that are kept, of the noises tried last; of more each pass makes them anew. As many
     of single laws under one noise, and of their inner products with all others. Source: memory of 160 MB; poses keep
-    four and more noises, cells of a rotation (3,000 values, 530 MB a noise) none; without a limit on single laws four
-    strong ones beside gyros took 4 GB (law/185 of the deck of 59463cce)."""
+    four and more noises, cells of a rotation (3,000 values, 530 MB a noise) none."""
 
 
 LAW_EVIDENCE = LawEvidencePolicy()
