@@ -157,7 +157,7 @@ class LawSearchPolicy:
     """Nats that each law must be worth where sets of them are compared. Source: as `LAW_VERDICT.each`."""
     hopeless: float = 100.0
     """Nats behind names that are known already, after which a search among laws goes no further than its first starts;
-    and behind the best of what stands in a name's place, after which a group is not sized (all limits on that are less).
+    and behind the best in a name's place, after which a group is not sized (all limits on that are less).
     Source: of 15 such searches of known effects of the open world (6724e666, every fourth) further starts gained at
     most 55."""
     dominant: float = 0.9
