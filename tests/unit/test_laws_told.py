@@ -12,10 +12,11 @@ from highside.arrays import Array
 from highside.diagnosis.core.fit import base_fit
 from highside.diagnosis.core.observed import Observed
 from highside.diagnosis.laws import claims
+from highside.diagnosis.laws.beside import Beside
 from highside.diagnosis.laws.chain import chain_problem
 from highside.diagnosis.laws.claims import heldout, proved, reported_laws
 from highside.diagnosis.laws.evidence import LawTerm
-from highside.diagnosis.laws.formulas import _fitted, _Form, _peaks_between, _Scored, forms_of
+from highside.diagnosis.laws.formulas import _Form, _peaks_between, _Scored, forms_of
 from highside.diagnosis.laws.found import Found
 from highside.diagnosis.laws.groups import LawGroup, groups_of
 from highside.diagnosis.laws.priors import Prior
@@ -173,6 +174,6 @@ def test_a_formula_that_the_other_laws_hold_already_gains_nothing() -> None:
     residual = rng.standard_normal((1, 40))
     twice = np.repeat(columns[:1], 2, axis=0)[None]
     for own in (twice, np.zeros((2, 2, 1, 40))):
-        gains, _, means = _fitted(columns, np.zeros(3), own, residual)
+        gains, _, means = Beside(columns, np.zeros(3), residual).fitted(own)
         assert np.isfinite(means).all()
         np.testing.assert_allclose(gains, 0.0, atol=1e-3)

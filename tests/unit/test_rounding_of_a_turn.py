@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from highside.diagnosis.core.finding_policy import FLOOR
-from highside.diagnosis.core.floor import rounding_error
+from highside.diagnosis.core.floor import rounding_error, rounding_errors
 
 STEP = 1e-3
 N = 6000
@@ -41,3 +41,13 @@ def test_noise_of_half_a_step_removes_it() -> None:
 def test_readings_on_no_lattice_have_none() -> None:
     read = np.random.default_rng(1).standard_normal(N)
     assert rounding_error(read, read, TURN) == 0.0
+
+
+def test_a_rate_that_comes_back_to_the_same_toolfaces_keeps_it_for_its_time() -> None:
+    """25 toolfaces again and again are rounded as they were; at other rates each turn finds others."""
+    turn = np.concatenate([TURN[: N // 2], 2 * np.pi * np.arange(N // 2) / 25])
+    read, left = rounded(0.9 * np.sin(turn), 1e-5)
+    error = rounding_errors(read, left, turn)
+    assert error.shape == (N,)
+    assert error[: N // 2].max() < FLOOR.rounded * STEP < 0.2 * STEP < error[N // 2 :].min()
+    assert not rounding_errors(left, left, turn).any()

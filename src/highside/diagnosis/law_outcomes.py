@@ -79,8 +79,8 @@ def without_leftovers(outcome: Outcome, model: ForwardModel, known: set[str]) ->
 
 
 def above_rounding(outcome: Outcome, model: ForwardModel, error: Array) -> Outcome:
-    """Without the laws that stay below the error (C,) that rounding leaves in means, a function of the reading too, or
-    that only channels show on which they do."""
+    """Without the laws that stay below the error (C, n) that rounding leaves in means, a function of the reading too,
+    or that only values show at which they do."""
     if not np.any(error):
         return outcome
     found, least = outcome.found, LAW_VERDICT.overshoot * error
@@ -91,9 +91,8 @@ def above_rounding(outcome: Outcome, model: ForwardModel, error: Array) -> Outco
     scale = found.problem.floor * found.noise.factor[:, None]
     small = set()
     for k, one in effects_of(found).items():
-        above = np.abs(one).max(axis=1) > least
-        gained = np.sum(((left + one) ** 2 - left**2) / scale**2, axis=1)
-        if gained[above].sum() < 2.0 * LAW_SEARCH.gain:
+        gained = ((left + one) ** 2 - left**2) / scale**2
+        if gained[np.abs(one) > least].sum() < 2.0 * LAW_SEARCH.gain:
             small.add(k)
     if not small:
         return outcome

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from highside.arrays import Array
 from highside.diagnosis.core.candidates import shapes_tried, step_times
 from highside.diagnosis.core.fit import base_fit
-from highside.diagnosis.core.floor import lattice_step, rounding_error
+from highside.diagnosis.core.floor import lattice_step, rounding_errors
 from highside.diagnosis.core.observed import ObservationModel, Observed
 from highside.diagnosis.law_cells import CellMeans, cells_of, sectors_of
 from highside.diagnosis.laws.chain import OF_POSES, OF_ROTATION, AllRows, chain_problem, covariate_values, unit_law
@@ -106,11 +106,11 @@ class ChainSession:
         return np.array([lattice_step(row) for row in self.readings])
 
     def rounding(self, model: ForwardModel) -> Array:
-        """(C,) the error that rounding leaves in means beside a model; 0 where readings lie on no lattice."""
+        """(C, m) the error that rounding leaves in means beside a model; 0 where readings lie on no lattice."""
         if not np.any(self.lattice):
-            return np.zeros(len(self.channels))
+            return np.zeros_like(self.floor)
         left, tf_rad = self.observed.residual(model), np.asarray(self.state.tf_rad, dtype=float)
-        return np.array([rounding_error(*one, tf_rad) for one in zip(self.readings, left, strict=True)])
+        return self.reduced(np.stack([rounding_errors(*one, tf_rad) for one in zip(self.readings, left, strict=True)]))
 
     @property
     def step_s(self) -> float:
@@ -306,8 +306,8 @@ class MagnitudeLaws:
         return LawProblem(residual, free, fields, covariates, self.floor, t_s, None, self.channels)
 
     def rounding(self, model: ForwardModel) -> Array:
-        """(1,) 0: readings are means."""
-        return np.zeros(1)
+        """(1, n) 0: readings are means."""
+        return np.zeros_like(self.floor)
 
     @property
     def step_s(self) -> float:

@@ -85,8 +85,19 @@ def rounding_error(values: Array, left: Array, tf_rad: Array) -> float:
     many steps within a sector of the toolface removes the error, and so does noise of half a step.
     """
     step = lattice_step(values)
-    if step == 0.0:
-        return 0.0
+    return _error_of_means(step, left, tf_rad) if step else 0.0
+
+
+def rounding_errors(values: Array, left: Array, tf_rad: Array) -> Array:
+    """(N,) as `rounding_error`, span by span of time: at a rate that comes back to the same toolfaces it is large, and
+    small at others."""
+    step, found = lattice_step(values), np.zeros(values.size)
+    for rows in np.array_split(np.arange(values.size), FLOOR.spans) if step else ():
+        found[rows] = _error_of_means(step, left[rows], tf_rad[rows])
+    return found
+
+
+def _error_of_means(step: float, left: Array, tf_rad: Array) -> float:
     sector = (FLOOR.sectors * (tf_rad / (2 * np.pi) % 1.0)).astype(np.intp) % FLOOR.sectors
     count = np.maximum(np.bincount(sector, minlength=FLOOR.sectors), 1)
     phase = 2 * np.pi * left / step

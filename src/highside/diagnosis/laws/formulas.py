@@ -10,11 +10,12 @@ import numpy as np
 
 from highside.arrays import Array
 from highside.diagnosis.core.regression import flattened
+from highside.diagnosis.laws.beside import Beside
 from highside.diagnosis.laws.evidence import LawTerm, Whitened, inverse_of, orthonormal
 from highside.diagnosis.laws.formulas_policy import LAW_FORMULAS
 from highside.diagnosis.laws.found import Found
 from highside.diagnosis.laws.groups import LawGroup, values_of
-from highside.diagnosis.laws.policy import LAW_GROUPS, LAW_REPORT
+from highside.diagnosis.laws.policy import LAW_GROUPS
 from highside.physics.covariates import covariate
 from highside.physics.law import Axis, Function, Law
 from highside.physics.places import PLACES
@@ -129,15 +130,16 @@ def closed_form(found: Found, white: Whitened, terms: list[LawTerm], k: int) -> 
         return None
     others = [t for i, t in enumerate(terms) if i != k]
     columns, prior = white.columns(others)
+    beside = Beside(columns, prior, white.residual)
     curve = loss_of_curve(white, terms)
     span = Axis(name, group.axes[0].low, group.axes[0].high, (Function("one"),))
     constant = (Function("one"),) if PLACES[group.place].constant else ()
     scored: list[_Scored] = []
     for form in (*_own_wave(group), *forms_of(name, values)):
-        rough = _scored(found, white, columns, prior, group, span, form, constant, values)
+        rough = _scored(white, beside, group, span, form, constant, values)
         fine = None if rough is None else _finer(form, rough, float(np.ptp(values)))
         if fine is not None:
-            rough = _scored(found, white, columns, prior, group, span, fine, constant, values)
+            rough = _scored(white, beside, group, span, fine, constant, values)
         if rough is not None:
             scored.append(rough)
     if not scored:
@@ -145,7 +147,7 @@ def closed_form(found: Found, white: Whitened, terms: list[LawTerm], k: int) -> 
     fit = _Fit(white, columns, prior, field=unit.field, span=(span.low, span.high), values=values)
     for one in _one_of_each(scored)[: LAW_FORMULAS.most]:
         form = _Form(one.form.name, [fit.moved(one.functions, len(constant))], one.form.numbers)
-        moved = _scored(found, white, columns, prior, group, span, form, constant, values)
+        moved = _scored(white, beside, group, span, form, constant, values)
         scored += [] if moved is None else [moved]
     scored = _one_of_each(scored)
     best = scored[0]
@@ -302,15 +304,12 @@ def _finer(form: _Form, rough: _Scored, width: float) -> _Form | None:
 def loss_of_curve(white: Whitened, terms: list[LawTerm]) -> float:
     """Square of the errors on values held out, in units of the noise, of the terms as they are."""
     columns, prior = white.columns(terms)
-    n = columns.shape[2]
-    return _loss(columns, prior, np.empty((0, columns.shape[1], n)), white.residual)
+    return Beside(columns, prior, white.residual).loss(np.empty((0, *white.residual.shape)))
 
 
 def _scored(
-    found: Found,
     white: Whitened,
-    columns: Array,
-    prior: Array,
+    beside: Beside,
     group: LawGroup,
     span: Axis,
     form: _Form,
@@ -332,59 +331,14 @@ def _scored(
     count, width, n = basis.shape
     raw = (basis / size).reshape(count * width, 1, n) * field[None]
     own = white.whitener.white(raw).reshape(count, width, field.shape[0], n)
-    best = int(np.argmax(_fitted(columns, prior, own, white.residual)[0]))
-    loss = _loss(columns, prior, own[best], white.residual) + 2 * form.numbers
-    every = flattened(np.concatenate([columns, own[best]]))
-    gram = every @ every.T + np.diag(np.concatenate([prior, np.zeros(width)]))
-    unit = np.sqrt(np.maximum(np.diag(gram), 1e-300))
-    inverse = np.linalg.pinv(gram / unit[:, None] / unit[None], hermitian=True) / unit[:, None] / unit[None]
-    mean = (inverse @ (every @ white.residual.reshape(-1)))[len(columns) :]
+    best = int(np.argmax(beside.fitted(own)[0]))
+    loss = beside.loss(own[best]) + 2 * form.numbers
+    mean, inverse = beside.sizes(own[best])
     scale = size[best, :, 0]
     functions = [f for f, ok in zip(form.functions, good, strict=True) if ok][best]
     effect = (mean @ (basis[best] / size[best])) * field
-    spread = inverse[len(columns) :, len(columns) :] / scale[:, None] / scale[None]
+    spread = inverse / scale[:, None] / scale[None]
     return _Scored(form, functions, mean / scale, spread, loss, np.asarray(effect))
-
-
-def _loss(columns: Array, prior: Array, own: Array, residual: Array) -> float:
-    """Square of the errors on values left out, fitted by the columns and the functions `own` (w, C, n)."""
-    fold = np.arange(residual.shape[1]) % LAW_REPORT.folds
-    total = 0.0
-    for number in range(LAW_REPORT.folds):
-        out = fold == number
-        _, beside, mean = _fitted(columns[:, :, ~out], prior, own[None, :, :, ~out], residual[:, ~out])
-        base = flattened(columns[:, :, out])
-        predicted = beside[0] @ base + mean[0] @ own[:, :, out].reshape(len(own), int(out.sum()) * residual.shape[0])
-        total += float(np.sum((residual[:, out].reshape(-1) - predicted) ** 2))
-    return total
-
-
-def _fitted(columns: Array, prior: Array, own: Array, residual: Array) -> tuple[Array, Array, Array]:
-    """Gains (B,), coefficients of the columns (B, K) and of the sets (B, w), fitted together."""
-    count, width = own.shape[:2]
-    flat, target = flattened(columns), residual.reshape(-1)
-    gram = flat @ flat.T + np.diag(prior)
-    size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
-    inverse = np.linalg.inv(gram / size[:, None] / size[None] + LAW_REPORT.ridge * np.eye(size.size))
-    inverse = inverse / size[:, None] / size[None]
-    mean = inverse @ (flat @ target)
-    if not width:
-        return np.zeros(count), np.repeat(mean[None], count, axis=0), np.zeros((count, 0))
-    sets = own.reshape(count, width, -1)
-    across = sets @ flat.T
-    left = sets @ sets.transpose(0, 2, 1) - across @ inverse @ across.transpose(0, 2, 1)
-    level = np.einsum("bii->b", left) / width
-    left = left + LAW_REPORT.ridge * np.maximum(level, 1e-300)[:, None, None] * np.eye(width)
-    drive = sets @ target - across @ mean
-    try:
-        own_mean = np.linalg.solve(left, drive[:, :, None])[:, :, 0]
-    except np.linalg.LinAlgError:
-        # of functions that the columns hold already nothing is left
-        own_mean = (np.linalg.pinv(left, hermitian=True) @ drive[:, :, None])[:, :, 0]
-    gains = 0.5 * np.sum(own_mean * drive, axis=1)
-    # what the columns give up to the sets
-    given = np.einsum("bw,bwk->bk", own_mean, across @ inverse)
-    return gains, mean - given, own_mean
 
 
 def _text(one: _Scored, name: str, constant: bool) -> str:

@@ -27,6 +27,7 @@ from highside.diagnosis.laws.noise import (
     LawNoise,
     Whitener,
     evidence,
+    evidence_of_settings,
     ladder_lengths,
     level_lengths,
     transposed_by_ladders,
@@ -357,9 +358,12 @@ def _best_of(problem: LawProblem, settings: Sequence[_Settings], prior: Array, s
             rest = sum((inner for d, (inner, _) in enumerate(parts) if d != c), np.zeros_like(own.inner[0]))
             logs = sum(log for d, (_, log) in enumerate(parts) if d != c)
             left = np.einsum("i,sij,j->s", fitted, own.inner, fitted) / n
-            sizes = np.maximum(np.sqrt(np.maximum(left, 0.0))[:, None] * np.array(LAW_NOISE.factors), 1.0)
+            # how much more the noise is than what a fit leaves, where that takes up enough of it
+            acting = np.diagonal(own.inner[0])[:-1] > 0
+            factors = LAW_NOISE.factors if np.count_nonzero(acting) > LAW_NOISE.taken * n else LAW_NOISE.factors[:1]
+            sizes = np.maximum(np.sqrt(np.maximum(left, 0.0))[:, None] * np.array(factors), 1.0)
             total = own.log_determinant[:, None] + 2 * n * np.log(sizes) + logs
-            found = _evidence_of(own.inner, sizes, rest, prior, total) - own.cost[:, None]
+            found = evidence_of_settings(own.inner, sizes, rest, prior, total) - own.cost[:, None]
             i, f = divmod(int(np.argmax(found)), sizes.shape[1])
             chosen[c], factor[c] = i, sizes[i, f]
             best = float(found[i, f]) - float(sum(settings[d].cost[chosen[d]] for d in range(count) if d != c))
@@ -368,21 +372,6 @@ def _best_of(problem: LawProblem, settings: Sequence[_Settings], prior: Array, s
             of_kinds[c] = [int(own.numbers[part[int(np.argmax(found.max(axis=1)[part]))]]) for part in kinds]
     numbers = [int(own.numbers[i]) for own, i in zip(settings, chosen, strict=True)]
     return _Best(numbers, factor, best, of_kinds)
-
-
-def _evidence_of(inner: Array, sizes: Array, rest: Array, prior: Array, total: Array) -> Array:
-    """(S, F) of settings (S, K + 1, K + 1) at factors (S, F) beside other channels; few at a time: the matrices stay in
-    the processor's cache."""
-    step = max(1, LAW_NOISE.matrices // rest.size)
-    found = [
-        evidence(
-            (inner[i : i + step, None] / sizes[i : i + step, :, None, None] ** 2 + rest).reshape(-1, *rest.shape),
-            prior,
-            total[i : i + step].reshape(-1),
-        )
-        for i in range(0, len(sizes), step)
-    ]
-    return np.concatenate(found).reshape(sizes.shape)
 
 
 def _mean(inner: Array, prior: Array) -> Array:

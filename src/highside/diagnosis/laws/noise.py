@@ -11,12 +11,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from highside.arrays import Array
 from highside.diagnosis.core.markov import LevelNoise
 from highside.diagnosis.laws.noise_policy import LAW_NOISE
 from highside.diagnosis.laws.policy import LAW_EVIDENCE
 from highside.diagnosis.laws.problem import LawProblem
+
+Flags = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -271,19 +274,62 @@ def evidence(inner: Array, prior: Array, log_determinant: Array) -> Array:
     `prior` (K,) are the columns' prior precisions, 0 for what is free.
     """
     k = prior.size
-    whole = inner[:, :k, :k] + np.diag(prior)
-    right = inner[:, :k, k]
-    size = np.sqrt(np.maximum(np.diagonal(whole, axis1=1, axis2=2), 1e-300))
-    unit = whole / size[:, :, None] / size[:, None, :]
+    power = np.maximum(np.diagonal(inner, axis1=1, axis2=2)[:, :k] + prior, 1e-300)
+    size = np.sqrt(power)
+    right = inner[:, :k, k] / size
+    norm = np.sqrt(np.maximum(np.sum(right**2, axis=1, keepdims=True), 1e-300))
+    # as `cholesky_and_half`, in one array: of many columns it is moving them about that takes the time
+    scale = 1.0 / np.concatenate([size, norm], axis=1)
+    whole = inner * scale[:, :, None]
+    whole *= scale[:, None, :]
+    whole[:, k, k] = 1.0 / np.finfo(float).tiny
+    own = np.arange(k)
     try:
-        diagonal, half = cholesky_and_half(unit + 1e-12 * np.eye(k), right / size)
+        whole[:, own, own] = power / size**2 + 1e-12
+        lower = np.linalg.cholesky(whole)
     except np.linalg.LinAlgError:
         # columns that are nearly alike, by the rounding of inner products
-        diagonal, half = cholesky_and_half(unit + np.sqrt(LAW_EVIDENCE.ridge) * np.eye(k), right / size)
+        whole[:, own, own] += np.sqrt(LAW_EVIDENCE.ridge)
+        lower = np.linalg.cholesky(whole)
+    diagonal, half = np.diagonal(lower, axis1=1, axis2=2)[:, :k], lower[:, k, :k] * norm
     logs = 2 * np.log(diagonal).sum(axis=1) + 2 * np.log(size).sum(axis=1)
     known = np.log(prior[prior > 0]).sum()
     left = inner[:, k, k] - np.sum(half**2, axis=1)
     return np.asarray(-0.5 * (log_determinant + logs + left - known))
+
+
+def evidence_of_settings(inner: Array, sizes: Array, rest: Array, prior: Array, total: Array) -> Array:
+    """(S, F) of settings (S, K + 1, K + 1) at factors (S, F) beside other channels.
+
+    What shares no channel with those that act here, nor with what those share one with, is the same in all. Few at a
+    time: the matrices stay in the processor's cache.
+    """
+    near = _linked(inner[0] + rest, np.diagonal(inner[0]) > 0)
+    away = np.append(~near[:-1], True)
+    alone = rest[np.ix_(away, away)]
+    alone[-1, -1] = 0.0
+    apart = float(evidence(alone[None], prior[away[:-1]], np.zeros(1))[0])
+    inner, rest, prior = inner[:, near][:, :, near], rest[np.ix_(near, near)], prior[near[:-1]]
+    step = max(1, LAW_NOISE.matrices // rest.size)
+    found = [
+        evidence(
+            (inner[i : i + step, None] / sizes[i : i + step, :, None, None] ** 2 + rest).reshape(-1, *rest.shape),
+            prior,
+            total[i : i + step].reshape(-1),
+        )
+        for i in range(0, len(sizes), step)
+    ]
+    return apart + np.concatenate(found).reshape(sizes.shape)
+
+
+def _linked(inner: Array, acting: Flags) -> Flags:
+    """(K + 1,) which columns have an inner product with one that is acting, or with such a one; the residual, the last,
+    is one of them and links none."""
+    shared = inner[:-1, :-1] != 0
+    near = acting[:-1]
+    while np.any(more := np.any(shared[near], axis=0) & ~near):
+        near = near | more
+    return np.append(near, True)
 
 
 def cholesky_and_half(unit: Array, right: Array) -> tuple[Array, Array]:

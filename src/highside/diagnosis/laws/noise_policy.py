@@ -15,6 +15,9 @@ class LawNoisePolicy:
     factors: tuple[float, ...] = (1.0, 1.15)
     """White noise tried, in units of what the present fit leaves; never below the floor. Source: a fit takes up to a
     third of the values of the shortest sessions."""
+    taken: float = 0.13
+    """Columns in a value up to which the first of these is the only one. Source: of n values a fit of k columns leaves
+    1 - k / n of the variance, and a factor of 1.15 is nearer to what the noise was from a k of 0.13 n on."""
     white: tuple[float, ...] = (1.0, 1.1, 1.2, 1.35, 1.5, 1.75, 2.0, 2.5, 3.0, 4.0, 6.0, 10.0, 20.0, 50.0)
     """White noise tried beside errors of the set angles, in units of the floor. Source: chosen; a wide grid."""
     of_what_is_left: float = 0.1

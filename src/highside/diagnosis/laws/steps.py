@@ -75,6 +75,8 @@ class Steps:
                 terms = self._varied(state, self._refitted_with_rivals(white, terms))
                 state = self._learn(terms, self.problem.residual)
                 best_of_all = max((best_of_all, state), key=lambda s: s.worth)
+            elif state.terms and self._is_noise(white, terms, float(gains[best])):
+                break
             else:
                 state = replace(state, terms=self._varied(state, terms))
         if not state.terms:
@@ -84,6 +86,14 @@ class Steps:
         terms = self._varied(state, state.terms)
         varied = state if which(terms) == which(state.terms) else self._learn(terms, self.problem.residual)
         return max((varied, best_of_all), key=lambda s: s.worth)
+
+    def _is_noise(self, white: Whitened, terms: list[LawTerm], gain: float) -> bool:
+        """Whether laws of many numbers explain less than noise alone does, and would with as many more as may be taken,
+        each as good as the last, which gains so many nats."""
+        if sum(term.group.size for term in terms) <= LAW_SEARCH.numbers_first:
+            return False
+        most = white.total(terms) + gain * (LAW_SEARCH.most_first - len(terms))
+        return most < self._noise([], self.problem.residual)[1]
 
     def _varied(self, state: State, terms: list[LawTerm]) -> list[LawTerm]:
         """Each term, or a variant of it that gains more beside the others: with an onset, or of finer functions."""

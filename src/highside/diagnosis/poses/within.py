@@ -87,6 +87,8 @@ def moving_pose(accel_g: Array, rows: Sequence[Ints]) -> tuple[Finding, ...]:
     known = len(accel_g) * WITHIN.of_a_median * len(kept)
     p = len(kept) * np.array([float(fdtrc(len(accel_g), known, one / len(accel_g))) for one in ratio])
     alone = np.array([float(fdtrc(len(accel_g), f, one)) for f, one in zip(freedom, own, strict=True)])
+    # of many that are loud one goes one way by chance
+    alone = alone * max(np.count_nonzero(p < WITHIN.chance), 1)
     k = int(np.argmin(np.where(alone < WITHIN.goes_one_way, p, 1.0)))
     if not (p[k] < WITHIN.chance and alone[k] < WITHIN.goes_one_way):
         return ()
