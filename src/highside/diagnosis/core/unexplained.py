@@ -48,8 +48,8 @@ def with_lattice(diagnosis: DiagnosisResult, steps: Array, left: Array, channels
 
 
 def in_ug(size_g: float) -> str:
-    """A misfit in g, in words."""
-    return f"{1e6 * size_g:.3g} ug"
+    """A misfit in g, in words: three digits, and no exponent below 1 g."""
+    return f"{float(f'{1e6 * size_g:.3g}'):g} ug"
 
 
 def unimproved(fit: Fit | None) -> Fit | None:

@@ -21,6 +21,7 @@ from highside.arrays import Array
 from highside.diagnosis.core.finding_policy import FLOOR
 from highside.diagnosis.core.floor import lattice_step, rounding_variance
 from highside.diagnosis.core.result import DiagnosisResult, Finding
+from highside.diagnosis.core.unexplained import in_ug
 from highside.diagnosis.poses.policy import WITHIN
 from highside.special import fdtrc
 
@@ -181,7 +182,7 @@ def with_courses(diagnosis: DiagnosisResult, found: Sequence[Finding]) -> Diagno
 
 
 def _finding(words: str, each: Sequence[tuple[str, _Course]]) -> Finding:
-    sizes = ", ".join(f"{name} by {1e6 * course.size_g:.3g} ug" for name, course in each)
+    sizes = ", ".join(f"{name} by {in_ug(course.size_g)}" for name, course in each)
     remedy = f"{words}: {sizes}; wait longer before a pose is read, or look for what moves"
     return Finding(CHECK, tuple(name for name, _ in each), min(course.p for _, course in each), remedy)
 
