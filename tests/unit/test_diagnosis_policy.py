@@ -37,7 +37,6 @@ ELSEWHERE = {
     ("core/floor.py", 6): "the variance of a second difference of white noise",
     ("core/floor.py", 12): "the variance of a uniform law is a twelfth of its width squared",
     ("core/unexplained.py", 1e6): "ug in a g",
-    ("poses/within.py", 1e6): "ug in a g",
     ("rotation/pilot.py", 6): "the variance of a second difference of white noise",
     ("rows/bases.py", 5): "an order of the toolface that is written out",
     ("rows/gram.py", 64): "room for the number of a steady rate in a key",

@@ -300,6 +300,16 @@ def test_long_names_are_cut_short_and_leave_the_axes_their_room() -> None:
     assert "short" in {t.text for t in lines.iter(f"{SVG}text")}
 
 
+def test_a_name_that_is_too_long_for_a_line_has_two_and_is_whole_where_the_pointer_rests() -> None:
+    names = ["short", "an error of the reference toolface that follows rate and load", "a " + "very " * 60 + "long one"]
+    svg = drawn(*(Bar(k, 0.0, k + 1.0, "#aa0000") for k in range(3)), y_names=names)
+    lines = [t.text or "" for t in svg.iter(f"{SVG}text") if t.get("text-anchor") == "end"]
+    assert lines[0] == "short"
+    assert " ".join(lines[1:3]) == names[1]
+    assert " ".join(lines[3:]).startswith("a very very") and lines[-1].endswith("\N{HORIZONTAL ELLIPSIS}")
+    assert {t.text for t in svg.iter(f"{SVG}title")} == {names[2]}
+
+
 def span(words: ET.Element) -> tuple[float, float]:
     """From where to where words reach, pt: along x, of those that stand upright in height."""
     size, own = float(words.get("font-size") or 0), width(words.text or "", float(words.get("font-size") or 0))

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from highside.diagnosis.core.result import Claim, DiagnosisResult
-from highside.physics.covariates import covariate, parted
+from highside.physics.covariates import covariate, lag_of, parted
 from highside.physics.law import AGAIN, Law
 from highside.physics.places import PLACES
 from highside.report.diagnosis_words import effect_name, sizes, within_sentence
@@ -71,10 +71,10 @@ def claim_title(claim: Claim) -> str:
 
 def law_words(claim: Claim) -> str:
     """What a law does and follows, and since when if it set in midway."""
-    law = None if claim.law is None else Law.from_dict(claim.law)
+    law, any_lag = None if claim.law is None else Law.from_dict(claim.law), _of_any_lag(claim)
     if law is None or law.sets_in_s is None:
-        return _law_words(claim.place, claim.channels, claim.depends_on)
-    words = _law_words(claim.place, claim.channels, law.lasting().depends_on)
+        return _law_words(claim.place, claim.channels, claim.depends_on, any_lag)
+    words = _law_words(claim.place, claim.channels, law.lasting().depends_on, any_lag)
     return _("%(law)s, from %(at)s s on", law=words, at=f"{law.sets_in_s:.4g}")
 
 
@@ -84,7 +84,7 @@ def title_of_any(name: str) -> str:
     if parts is None:
         return name if name.startswith(f"{LAW}:") else within_sentence(effect_name(name))
     words, follows = parts
-    return _("%(law)s that follows %(what)s", law=words, what=follows)
+    return _("%(law)s that follows %(what)s", law=words, what=follows_words(follows))
 
 
 def _parts_of_law(name: str) -> tuple[str, str, tuple[str, ...]] | None:
@@ -97,15 +97,15 @@ def _parts_of_law(name: str) -> tuple[str, str, tuple[str, ...]] | None:
     return place, channels, tuple(parted(follows))
 
 
-def _of_law(name: str) -> tuple[str, str] | None:
-    """Of the id of a law, where it acts and what it follows, in words; None: it is not the id of a law."""
+def _of_law(name: str) -> tuple[str, tuple[str, ...]] | None:
+    """Of the id of a law, where it acts, in words, and what it follows; None: it is not the id of a law."""
     parts = _parts_of_law(name)
     if parts is None:
         return None
     place, channels, follows = parts
     letter = "g" if place.startswith("gyro") else "a"
     shown = [letter + axis for axis in channels] if PLACES[place].triad else [channels]
-    return _place_words(place, shown), follows_words(follows)
+    return _place_words(place, shown), follows
 
 
 def _place_words(place: str, channels: Sequence[str]) -> str:
@@ -113,14 +113,33 @@ def _place_words(place: str, channels: Sequence[str]) -> str:
     return _(known).format(", ".join(channels)) if known else _("something on %(place)s", place=place)
 
 
-def _law_words(place: str, channels: Sequence[str], depends_on: Sequence[str]) -> str:
+def _law_words(place: str, channels: Sequence[str], depends_on: Sequence[str], any_lag: bool = False) -> str:
     words = _place_words(place, channels)
-    return _("%(law)s that follows %(what)s", law=words, what=follows_words(depends_on)) if depends_on else words
+    if not depends_on:
+        return words
+    return _("%(law)s that follows %(what)s", law=words, what=follows_words(depends_on, any_lag=any_lag))
 
 
-def follows_words(depends_on: Sequence[str]) -> str:
-    """Covariates of a law in words."""
-    return _(" and ").join(told(covariate(name).title) for name in depends_on)
+def follows_words(depends_on: Sequence[str], *, any_lag: bool = False, lags: Sequence[int] = ()) -> str:
+    """Covariates of a law in words; of a temperature that lags all `lags`, s, or that any lag, or none, may be it."""
+
+    def words(name: str) -> str:
+        if lag_of(name) and any_lag:
+            return _("temperature (at once or with a lag)")
+        if lag_of(name) and len(lags) > 1:
+            return _("temperature with lags from %(low)s to %(high)s s", low=min(lags), high=max(lags))
+        return told(covariate(name).title)
+
+    return _(" and ").join(map(words, depends_on))
+
+
+def _of_any_lag(claim: Claim) -> bool:
+    """Whether a law of a temperature that lags cannot be told from the same of the temperature itself."""
+    if not any(map(lag_of, claim.depends_on)):
+        return False
+    at_once = {"temp" if lag_of(name) else name for name in claim.depends_on}
+    parts = filter(None, map(_parts_of_law, others_of(claim)))
+    return any(place == claim.place and set(follows) == at_once for place, _, follows in parts)
 
 
 def claim_size(claim: Claim, *, named: bool = False) -> str:
@@ -169,17 +188,21 @@ def confounded(claim: Claim) -> str:
 def _by_place(claim: Claim, names: Sequence[str]) -> list[str]:
     """Effects and laws in words, laws of one place together; that of the claim itself first."""
     own = _place_words(claim.place, claim.channels) if is_law(claim) else ""
-    follow: dict[str, list[str]] = {}
+    # laws that differ in the lag of a temperature alone are one to a reader
+    follow: dict[str, dict[tuple[str, ...], tuple[tuple[str, ...], list[int]]]] = {}
     named: list[str] = []
     for name in names:
         if (parts := _of_law(name)) is None:
             named.append(title_of_any(name))
-        else:
-            follow.setdefault(parts[0], []).append(parts[1])
+            continue
+        alike = tuple("" if lag_of(one) else one for one in parts[1])
+        _follows, lags = follow.setdefault(parts[0], {}).setdefault(alike, (parts[1], []))
+        lags += filter(None, map(lag_of, parts[1]))
     laws = []
     for words in sorted(follow, key=lambda one: one != own):
-        listed = follow[words][:ALTERNATIVES]
-        more = len(follow[words]) - len(listed)
+        every = [follows_words(follows, lags=lags) for follows, lags in follow[words].values()]
+        listed = every[:ALTERNATIVES]
+        more = len(every) - len(listed)
         shown = _(", or ").join([*listed, *([_("%(count)s more", count=more)] if more else [])])
         same = _("the same following %(what)s", what=shown)
         laws.append(same if words == own else _("%(law)s that follows %(what)s", law=words, what=shown))

@@ -96,7 +96,7 @@ def page_of(diagnosis: DiagnosisResult, report_data: ReportData | SummaryReportD
 
 def _titles(diagnosis: DiagnosisResult, steps: Steps) -> dict[str, str]:
     """Words beside the bars; what was fitted and not believed says so."""
-    claimed = {claim.effect: claim_title(claim) for claim in diagnosis.claims}
+    claimed = {c.effect: law_words(c) if is_law(c) else claim_title(c) for c in diagnosis.claims}
     claimed[ALL_FOUND] = _(ALL_FOUND)
     return {name: claimed.get(name) or _("%(effect)s (not believed)", effect=effect_name(name)) for name in steps.names}
 

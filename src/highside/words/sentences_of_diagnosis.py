@@ -138,6 +138,7 @@ ANSWERS = (
         "%(count)s more that follow something are not claimed: each explains less of its channel than a prediction "
         "beside strong effects is exact to"
     ),
+    said_later("temperature with lags from %(low)s to %(high)s s"),
     said_later("vary %(what)s over the range that matters"),
     said_later("vary %(what)s over the range that matters and over several turns"),
     said_later("vary %(what)s over the range that matters, independently of %(others)s"),

@@ -22,6 +22,7 @@ from highside.diagnosis.laws.nested import joined, nested
 from highside.diagnosis.laws.policy import LAW_REPORT
 from highside.diagnosis.laws.readings import readings_of
 from highside.diagnosis.laws.separable import as_product
+from highside.diagnosis.laws.to_vary import to_vary
 from highside.diagnosis.laws.together import told_together
 from highside.physics.covariates import covariate
 from highside.physics.effect import Effect
@@ -30,8 +31,6 @@ from highside.physics.places import PLACES
 from highside.special import chdtrc
 
 Bools = NDArray[np.bool_]
-FRACTION = "tf_fraction"
-"""the toolface as a covariate that does not come round"""
 
 
 @dataclass(frozen=True)
@@ -393,26 +392,6 @@ def _claim(
         rms=rms,
         rms_std=rms_std,
     )
-
-
-def to_vary(depends_on: Sequence[str], rivals: Iterable[str]) -> str:
-    """What another session must vary, in words: what a law follows, apart from what else may be behind it.
-
-    What comes round after a turn and what does not (an order that is no whole number) part over several turns.
-    """
-    others = set(rivals) - set(depends_on)
-    turns = FRACTION in others
-    if turns:
-        others = (others | {"tf"}) - {FRACTION, *depends_on}
-    words = " and ".join(covariate(name).title for name in depends_on)
-    apart = ", ".join(covariate(name).title for name in sorted(others))
-    if turns and others:
-        return f"vary {words} over the range that matters and over several turns, independently of {apart}"
-    if turns:
-        return f"vary {words} over the range that matters and over several turns"
-    if others:
-        return f"vary {words} over the range that matters, independently of {apart}"
-    return f"vary {words} over the range that matters"
 
 
 def size_beside_free(white: Whitened, effect: Array, channels: tuple[int, ...]) -> tuple[float, float]:

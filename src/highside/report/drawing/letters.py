@@ -6,7 +6,7 @@ import math
 from typing import Literal
 from xml.etree.ElementTree import Element, SubElement
 
-__all__ = ["LABEL", "LEGEND", "TICK", "TITLE", "Anchor", "raised", "text", "width", "within"]
+__all__ = ["LABEL", "LEGEND", "TICK", "TITLE", "Anchor", "in_two", "raised", "text", "whole_on_rest", "width", "within"]
 
 TITLE, LABEL, LEGEND, TICK = 9.0, 8.0, 8.0, 7.5
 """sizes of letters, pt"""
@@ -37,6 +37,14 @@ def within(words: str, size: float, most: float) -> str:
     return kept.rstrip() + ELLIPSIS
 
 
+def in_two(words: str, size: float, most: float) -> list[str]:
+    """Words in a line that is about `most` pt wide or less, or in two: the first has as many whole words as fit in."""
+    if width(words, size) <= most:
+        return [words]
+    ends = [k for k, c in enumerate(words) if c == " " and width(words[:k], size) <= most]
+    return [words[: ends[-1]], words[ends[-1] + 1 :]] if ends else [words]
+
+
 def raised(power: int) -> str:
     """A power of ten."""
     return "10" + str(power).translate(_RAISED)
@@ -59,6 +67,12 @@ def text(
     if turned:
         made.set("transform", f"rotate({turned:g} {x:.1f} {y:.1f})")
     made.text = within(words, size, most)
+    return whole_on_rest(made, words, words)
+
+
+def whole_on_rest(made: Element, words: str, whole: str) -> Element:
+    """Letters made of `words`: where these were cut short, the `whole` shows where the pointer rests on them."""
     if made.text != words:
-        SubElement(made, "title").text = words
+        for title in made.findall("title") or [SubElement(made, "title")]:
+            title.text = whole
     return made

@@ -9,7 +9,7 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from highside.report.drawing.letters import LABEL, LEGEND, TICK, TITLE, text, width
+from highside.report.drawing.letters import LABEL, LEGEND, TICK, TITLE, in_two, text, whole_on_rest, width
 from highside.report.drawing.marks import INK, Line, Mark, Points, Surface, stroked
 from highside.report.drawing.scale import Scale, Ticks, limits_of
 
@@ -20,6 +20,8 @@ APART_X, APART_Y = 34.0, 19.0
 """pt between ticks at least"""
 GAP, MARK = 3.0, 3.5
 """pt between letters and what they belong to; length of a tick"""
+LINE = 1.15
+"""from line to line, in the size of the letters"""
 KEY, KEYS_APART = 18.0, 12.0
 """pt of a line in a legend, and between its entries"""
 COLUMN = 10.0
@@ -192,7 +194,10 @@ def _numbers_up(
     level: list[float], ticks: Ticks, left: float, top: float, size: float, most: float
 ) -> Iterator[Element]:
     for y, words in zip(level, ticks.words, strict=True):
-        yield text(left - MARK - GAP, y + 0.35 * size, words, size, "end", most=most)
+        lines = in_two(words, size, most)
+        for k, line in enumerate(lines):
+            down = 0.35 * size + (k - 0.5 * (len(lines) - 1)) * LINE * size
+            yield whole_on_rest(text(left - MARK - GAP, y + down, line, size, "end", most=most), line, words)
     if ticks.factor:
         yield text(left, top - GAP, ticks.factor, TICK)
 
