@@ -47,7 +47,8 @@ def test_a_rate_that_comes_back_to_the_same_toolfaces_keeps_it_for_its_time() ->
     """25 toolfaces again and again are rounded as they were; at other rates each turn finds others."""
     turn = np.concatenate([TURN[: N // 2], 2 * np.pi * np.arange(N // 2) / 25])
     read, left = rounded(0.9 * np.sin(turn), 1e-5)
-    error = rounding_errors(read, left, turn)
+    error, whole = rounding_errors(read, left, turn), rounding_error(read, left, turn)
     assert error.shape == (N,)
-    assert error[: N // 2].max() < FLOOR.rounded * STEP < 0.2 * STEP < error[N // 2 :].min()
+    assert error[: N // 2 - N // FLOOR.spans] == pytest.approx(whole)
+    assert error[N // 2 :].min() > max(0.2 * STEP, 1.2 * whole)
     assert not rounding_errors(left, left, turn).any()

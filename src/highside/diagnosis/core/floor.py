@@ -89,11 +89,14 @@ def rounding_error(values: Array, left: Array, tf_rad: Array) -> float:
 
 
 def rounding_errors(values: Array, left: Array, tf_rad: Array) -> Array:
-    """(N,) as `rounding_error`, span by span of time: at a rate that comes back to the same toolfaces it is large, and
-    small at others."""
-    step, found = lattice_step(values), np.zeros(values.size)
-    for rows in np.array_split(np.arange(values.size), FLOOR.spans) if step else ():
-        found[rows] = _error_of_means(step, left[rows], tf_rad[rows])
+    """(N,) as `rounding_error`, and where it is larger that of each span of time by itself: at a rate that comes back
+    to the same toolfaces it is, and over all rates it cancels."""
+    step = lattice_step(values)
+    if step == 0.0:
+        return np.zeros(values.size)
+    found = np.full(values.size, _error_of_means(step, left, tf_rad))
+    for rows in np.array_split(np.arange(values.size), FLOOR.spans):
+        found[rows] = max(found[rows[0]], _error_of_means(step, left[rows], tf_rad[rows])) if rows.size else 0.0
     return found
 
 
