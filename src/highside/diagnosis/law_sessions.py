@@ -94,6 +94,9 @@ class ChainSession:
         own = np.array([np.sqrt(np.median(row[used] ** 2)) for row in within]) / LAW_FLOOR.mad
         least = LAW_FLOOR.least * np.sqrt(np.mean(session.readings**2, axis=1))
         floor = np.maximum(own * lost, least)[:, None] / np.sqrt(cells.count)
+        # a function of the reading, and no law: as large in a mean as it is in all of its rows
+        error = cells.mean(_rounding_of(session.readings, residual, session.state))
+        floor = np.sqrt(floor**2 + error**2 / 3.0)
         return cls(
             session.state, session.readings, tuple(free), session.channels, floor, OF_ROTATION, cells, orders=orders
         )
@@ -109,8 +112,7 @@ class ChainSession:
         """(C, m) the error that rounding leaves in means beside a model; 0 where readings lie on no lattice."""
         if not np.any(self.lattice):
             return np.zeros_like(self.floor)
-        left, tf_rad = self.observed.residual(model), np.asarray(self.state.tf_rad, dtype=float)
-        return self.reduced(np.stack([rounding_errors(*one, tf_rad) for one in zip(self.readings, left, strict=True)]))
+        return self.reduced(_rounding_of(self.readings, self.observed.residual(model), self.state))
 
     @property
     def step_s(self) -> float:
@@ -236,6 +238,13 @@ class ChainSession:
         if effect.line is not None:
             return []
         return shapes_tried(effect, self.reduced_state, step_times(self.reduced_state))
+
+
+def _rounding_of(readings: Array, left: Array, state: ChainState) -> Array:
+    """(C, n) the error, at most, that rounding of readings leaves in means beside a fit, of which `left` is left; a
+    third of its square is its mean square."""
+    tf_rad = np.asarray(state.tf_rad, dtype=float)
+    return np.stack([rounding_errors(*one, tf_rad) for one in zip(readings, left, strict=True)])
 
 
 @dataclass(frozen=True)
