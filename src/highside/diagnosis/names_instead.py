@@ -48,13 +48,16 @@ def names_of(found: Found, model: ForwardModel) -> tuple[Claim, ...]:
 
 
 def alike_of(session: LawSession, model: ForwardModel, found: Found) -> list[str]:
-    """Names that do nearly what one of the terms does, law or name, or what all of the laws do together."""
+    """Names that do nearly what one of the terms does, law or name, or what all of the laws do together; and those that
+    a name among them is known to be confused with: beside slow noise they need not look alike."""
     effects = list(effects_of(found).values())
     if len(effects) > 1:
         effects.append(np.sum(effects, axis=0))
     # a name may be a case of another: a hysteresis wider than the range is a coefficient
     effects += [one for k, one in effects_of(found, names=True).items() if found.terms[k].group.effect]
-    return list(dict.fromkeys(name for effect in effects for name in resembled(session, model, found, effect)))
+    alike = [name for effect in effects for name in resembled(session, model, found, effect)]
+    confused = [name for t in found.terms if t.group.effect for name in library.get(t.group.effect).confused_with]
+    return list(dict.fromkeys([*alike, *(name for name in confused if name in library.all_effects())]))
 
 
 def sudden() -> list[str]:
