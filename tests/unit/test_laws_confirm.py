@@ -56,3 +56,11 @@ def test_laws_that_differ_in_a_lag_alone_are_one_to_a_reader(others: list[str], 
     claim = Claim(own, "", None, "", {}, 1e-9, every, (), "", place="toolface", channels=("tf",), depends_on=follows)
     assert law_words(claim) == f"an error of the reference toolface that follows {title}"
     assert confounded(claim) == f"this, or the same following {class_told}"
+
+
+def test_the_same_of_another_channel_says_nothing_of_the_lag() -> None:
+    own = "law:offset_x_temp_filtered_300"
+    every = (own, "law:offset_y_temp")
+    follows = ("temp_filtered_300",)
+    claim = Claim(own, "", None, "", {}, 1e-9, every, (), "", place="offset", channels=("ax",), depends_on=follows)
+    assert law_words(claim) == "an offset of ax that follows temperature that lags by 300 s"

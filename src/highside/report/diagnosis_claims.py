@@ -137,9 +137,10 @@ def _of_any_lag(claim: Claim) -> bool:
     """Whether a law of a temperature that lags cannot be told from the same of the temperature itself."""
     if not any(map(lag_of, claim.depends_on)):
         return False
+    own = _parts_of_law(claim.effect)
     at_once = {"temp" if lag_of(name) else name for name in claim.depends_on}
     parts = filter(None, map(_parts_of_law, others_of(claim)))
-    return any(place == claim.place and set(follows) == at_once for place, _, follows in parts)
+    return own is not None and any(one[:2] == own[:2] and set(one[2]) == at_once for one in parts)
 
 
 def claim_size(claim: Claim, *, named: bool = False) -> str:

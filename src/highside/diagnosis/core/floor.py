@@ -101,6 +101,7 @@ def rounding_errors(values: Array, left: Array, tf_rad: Array) -> Array:
 
 
 def _error_of_means(step: float, left: Array, tf_rad: Array) -> float:
+    """What `rounding_error` says, of readings (N,) on a lattice of a known step, in the unit of that."""
     sector = (FLOOR.sectors * (tf_rad / (2 * np.pi) % 1.0)).astype(np.intp) % FLOOR.sectors
     count = np.maximum(np.bincount(sector, minlength=FLOOR.sectors), 1)
     phase = 2 * np.pi * left / step
