@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from highside.arrays import Array
 from highside.diagnosis.core.floor import NoiseFloor, excess, floor_of_means, lattice_step
+from highside.diagnosis.core.method import WHOLE
 from highside.diagnosis.engine import diagnose_magnitudes, diagnose_poses
 from highside.diagnosis.magnitude.session import magnitude_session
 from highside.diagnosis.poses.session import pose_session
@@ -133,6 +136,25 @@ def test_errors_of_the_set_angles_are_identified_as_noise() -> None:
     found, _ = diagnose_poses(session, ForwardModel.of({}), FREE)
     assert found.verdict == "nothing_left_out"
     assert "taken for errors of the set angles" in found.remainder.hints[0]
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_tool_that_sits_a_little_differently_each_time_is_told_so_near_the_vertical_too(seed: int) -> None:
+    """Its level errs to all sides alike: nearly upright by as much as at any inclination, where a toolface does not."""
+    rng = np.random.default_rng(seed)
+    inc, tf = np.repeat([0.6, 6.0, 20.0, 45.0, 70.0, 90.0], 18), np.tile(np.arange(0.0, 360.0, 20.0), 6)
+    gravity = np.asarray(gravity_direction(np.radians(inc), np.radians(tf)), dtype=float)
+    size = 3e-4
+    mean = gravity + np.cross(rng.normal(0.0, size, (inc.size, 3)), gravity.T).T
+    columns = recorded(inc, tf, mean, rng)
+    session = pose_session(columns, accel(columns), gravity_mps2=9.80665)
+    found, _ = diagnose_poses(session, ForwardModel.of({}), FREE, method=replace(WHOLE, laws=False))
+    assert found.verdict == "nothing_left_out"
+    (hint,) = (one for one in found.remainder.hints if "errors of the set angles" in one)
+    assert "deg across the plane of the tilt" in hint
+    # half of what the readings can show is taken by what could be systematic, and two of the three ways are alike
+    assert found.noise["bench_across_rad"] > max(size / 3, found.noise["bench_toolface_rad"])
+    assert found.noise["bench_inclination_rad"] == pytest.approx(size, rel=0.25)
 
 
 @pytest.mark.parametrize("step_g", [1e-3, 5e-3])

@@ -16,14 +16,16 @@ Deviance = Callable[[Array], tuple[float, Array, Array]]
 
 
 def drawn(seed: int) -> tuple[Array, Array]:
-    """A residual (3, n) of poses with scatter of its own and of the bench's angles, and the tangents (2, 3, n)."""
+    """A residual (3, n) of poses with scatter of its own and of the set angles, and the tangents (3, 3, n)."""
     rng = np.random.default_rng(seed)
     n = int(rng.choice([12, 24, 60, 126]))
     gravity = rng.standard_normal((3, n))
     gravity /= np.linalg.norm(gravity, axis=0)
-    tangents = np.stack([np.cross(gravity.T, rng.standard_normal(3)).T, np.cross(gravity.T, [0.0, 0.0, 1.0]).T])
+    toolface = np.cross(gravity.T, [0.0, 0.0, 1.0]).T
+    across = toolface / np.linalg.norm(toolface, axis=0)
+    tangents = np.stack([np.cross(gravity.T, across.T).T, toolface, across])
     sensor = 1e-4 * np.exp(rng.uniform(-1, 1, 3))
-    angles = np.where(rng.random(2) < 0.4, 0.0, 1e-4 * np.exp(rng.uniform(-3, 2, 2)))
+    angles = np.where(rng.random(3) < 0.4, 0.0, 1e-4 * np.exp(rng.uniform(-3, 2, 3)))
     bench = sum(size * rng.standard_normal(n) * tangent for size, tangent in zip(angles, tangents, strict=True))
     return sensor[:, None] * rng.standard_normal((3, n)) + bench, tangents
 
@@ -51,7 +53,7 @@ def test_scoring_climbs_as_high_as_a_general_minimiser(monkeypatch: pytest.Monke
 
     monkeypatch.setattr(noise, "_scored", both)
     for seed in range(60):
-        noise._components(*drawn(seed))
+        noise._components(*drawn(seed), np.zeros(3))
     least, general = np.array(compared).T
-    # a tenth of -2 log likelihood is nothing beside what a bench's scatter must gain to be believed
-    assert np.max(least - general) < 0.1 < POSE_NOISE.table_gain / 10
+    # a fifth of -2 log likelihood is nothing beside what a bench's scatter must gain to be believed
+    assert np.max(least - general) < 0.2 < POSE_NOISE.table_gain / 10

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from highside.arrays import Array
+from highside.diagnosis.poses.session import pose_session
 from highside.diagnosis.poses.within import moving_pose, unsteady_poses, within_poses
 
 POSES, ROWS, STEP_S, SIGMA_G = 24, 50, 0.2, 2e-4
@@ -158,10 +159,38 @@ def test_a_single_pose_in_which_readings_move_is_found(size_g: float) -> None:
     """A law that sets in while one pose is held raised what all were said to scatter by, and "nothing" was left out."""
     readings, rows = few_rows(1)
     readings[:2, rows[9]] += size_g * np.array([0.0, -0.1, 0.2, 0.6, 0.9, 1.0, 1.0])
-    (found,) = within_poses(readings, rows, 5.0)
-    assert found.check == "within_pose"
-    assert found.channels == ("ax", "ay")
+    moved = moving_pose(readings, rows)
+    assert moved is not None
+    number, found = moved
+    assert (number, found.check, found.channels) == (9, "within_pose", ("ax", "ay"))
     assert found.remedy.startswith("readings move while pose 10 is held, unlike in the others: ax by ")
+
+
+def test_a_pose_that_moved_raises_the_floor_of_no_other() -> None:
+    """Its own mean is known no better than its rows move; else what the others repeat by stood at a third of that."""
+    readings, rows = few_rows(1)
+    n = len(rows)
+    columns = {
+        "t_s": 5.0 * np.arange(readings.shape[1]),
+        "inc_ref_deg": np.repeat(np.linspace(10.0, 80.0, n), 7),
+        "tf_ref_deg": np.repeat(40.0 * np.arange(n) % 360.0, 7),
+        "pose": np.repeat(np.arange(n, dtype=float), 7),
+    }
+
+    def floor_of(accel_g: Array) -> Array:
+        session = pose_session(
+            columns | dict(zip(("ax_g", "ay_g", "az_g"), accel_g, strict=True)), accel_g, gravity_mps2=9.8
+        )
+        assert session.floor is not None
+        return session.floor.sigma
+
+    still = floor_of(readings)
+    readings[:2, rows[9]] += 0.1 * np.array([0.0, -0.1, 0.2, 0.6, 0.9, 1.0, 1.0])
+    found = floor_of(readings)
+    others = np.arange(n) != 9
+    # six of 102 differences are not there
+    np.testing.assert_allclose(found[:, others], still[:, others], rtol=0.1)
+    assert np.all(found[:2, 9] > 0.03)
 
 
 def test_a_loud_pose_an_outlying_row_and_noise_move_nothing() -> None:
@@ -169,6 +198,6 @@ def test_a_loud_pose_an_outlying_row_and_noise_move_nothing() -> None:
     moved = 0
     for seed in range(100):
         moved += bool(moving_pose(*few_rows(seed, np.where(np.arange(17) == seed % 17, 6.0, 1.0))))
-        assert moving_pose(*few_rows(seed, outlier_g=0.1)) == ()
-        assert moving_pose(*few_rows(seed)) == ()
+        assert moving_pose(*few_rows(seed, outlier_g=0.1)) is None
+        assert moving_pose(*few_rows(seed)) is None
     assert moved <= 5

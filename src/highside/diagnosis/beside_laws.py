@@ -14,7 +14,7 @@ import numpy as np
 
 from highside.arrays import Array
 from highside.diagnosis.claimed_values import around_onsets, beyond_first_order, is_large, sizes_in, values_of_claim
-from highside.diagnosis.core.finding_policy import FLOOR
+from highside.diagnosis.core.finding_policy import BESIDE, FLOOR
 from highside.diagnosis.core.fit import base_fit
 from highside.diagnosis.core.problem import ReportData
 from highside.diagnosis.core.result import Claim, DiagnosisResult, Fit, Verdict
@@ -39,7 +39,7 @@ from highside.diagnosis.laws.policy import LAW_VERDICT
 from highside.diagnosis.laws.problem import LawProblem
 from highside.diagnosis.laws.search import Search
 from highside.diagnosis.name_groups import name_groups, resembled
-from highside.diagnosis.names_instead import alike_of, implausible, names_of, sudden, with_names_instead
+from highside.diagnosis.names_instead import alike_of, implausible, names_of, resized, sudden, with_names_instead
 from highside.physics import effects as library
 from highside.physics.forward import ForwardModel
 from highside.physics.law import PREFIX, Law
@@ -73,8 +73,8 @@ def with_laws(
         return told_implausible(diagnosis, outcome.names), report
     if (unnamed := _unnamed(diagnosis, report, outcome, frozenset(known))) is not None:
         return unnamed
-    changed = outcome.laws or outcome.renamed or outcome.doubted
-    if not changed and all(c.effect in known for c in outcome.names):
+    outcome = _without_chance(outcome, chain, model)
+    if not (outcome.laws or outcome.renamed or outcome.doubted) and all(c.effect in known for c in outcome.names):
         told = {c.effect: c for c in outcome.names}
         diagnosis = replace(diagnosis, claims=tuple(told.get(c.effect, c) for c in diagnosis.claims))
         return with_identified_noise(diagnosis, outcome.found), report
@@ -108,6 +108,16 @@ def with_laws(
     for part in [*(c.effect for c in outcome.names if c.effect not in known), *(one.law.id for one in outcome.laws)]:
         parts[part] = np.asarray(session.observed.residual(final.without(part)) - after)
     return made, replace(report, after=after, parts=parts, sigma=_noise_beside(session, report, outcome.found))
+
+
+def _without_chance(outcome: Outcome, chain: Sequence[Claim], model: ForwardModel) -> Outcome:
+    """The outcome without laws in which some of several names stay, and each of the others may be chance: rounding or
+    scatter of the set angles, which are learnt beside laws, are as likely."""
+    staying = {c.effect for c in outcome.names}
+    lost = [c for c in chain if c.effect not in staying]
+    if outcome.laws or outcome.doubted or not (staying and lost) or any(c.p_familywise <= BESIDE.certain for c in lost):
+        return outcome
+    return replace(outcome, names=resized(outcome.names, outcome.found, model), renamed=True)
 
 
 def _noise_beside(session: LawSession, report: ReportData, found: Found) -> tuple[float, ...]:

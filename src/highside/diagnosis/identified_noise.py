@@ -21,10 +21,10 @@ from highside.diagnosis.core.policy import MEMORY
 from highside.diagnosis.core.problem import ReportData
 from highside.diagnosis.core.result import DiagnosisResult
 from highside.diagnosis.core.serial_correlation import RANDOM_WALK
+from highside.diagnosis.core.set_angle_errors import in_words, instead, taken_for_set_angles
 from highside.diagnosis.core.unexplained import hinted
 from highside.diagnosis.laws.found import Found
 from highside.diagnosis.laws.free_rivals import leaves_most
-from highside.diagnosis.laws.noise import LawNoise
 from highside.diagnosis.laws.policy import LAW_VERDICT
 from highside.diagnosis.laws.set_angles import enough_poses, may_hide_a_law, usual
 from highside.diagnosis.poses.policy import ROWS_MEMORY
@@ -83,7 +83,7 @@ def _identified(diagnosis: DiagnosisResult, found: Found) -> DiagnosisResult:
     if found.problem.n >= enough_poses() or usual(noise):
         repeats = repeats or found.to_the_floor > found.evidence - LAW_VERDICT.repeats
     if np.any(noise.jitter > 0) and repeats:
-        return hinted(replace(diagnosis, verdict="nothing_left_out"), f"what is left is taken for {_angles(noise)}")
+        return taken_for_set_angles(replace(diagnosis, verdict="nothing_left_out"), noise.jitter)
     if found.problem.n < enough_poses() and found.to_the_floor > found.evidence - LAW_VERDICT.memory:
         words = (
             f"in {found.problem.n} poses errors of the set angles cannot be distinguished from readings that repeat "
@@ -117,10 +117,11 @@ def _undecided_angles(diagnosis: DiagnosisResult, found: Found) -> DiagnosisResu
     if not may_hide_a_law(noise, problem.n) or taken < LAW_VERDICT.hidden:
         return diagnosis
     words = (
-        f"what is left is taken for {_angles(noise)}; in {problem.n} poses these cannot be distinguished from "
-        f"something that the angles follow: record {enough} poses or more, or each pose several times"
+        f"what is left is taken for errors of the set angles: {in_words(noise.jitter)}; in {problem.n} poses these "
+        f"cannot be distinguished from something that the angles follow: record {enough} poses or more, or each pose "
+        "several times"
     )
-    return hinted(replace(diagnosis, verdict="not_testable"), words)
+    return instead(replace(diagnosis, verdict="not_testable"), words)
 
 
 def _far_above_floor(diagnosis: DiagnosisResult, found: Found) -> DiagnosisResult:
@@ -159,10 +160,3 @@ def _undecided_memory(diagnosis: DiagnosisResult, found: Found) -> DiagnosisResu
             )
             return hinted(replace(diagnosis, verdict="not_testable"), words)
     return diagnosis
-
-
-def _angles(noise: LawNoise) -> str:
-    """Errors of the set angles with their sizes."""
-    names = ("of inclination", "of toolface", "across the plane of the tilt")
-    sizes = [f"{np.degrees(size):.2g} deg {name}" for size, name in zip(noise.jitter, names, strict=False) if size > 0]
-    return f"errors of the set angles: {', '.join(sizes)}"

@@ -15,6 +15,7 @@ from highside.diagnosis.core.candidates import shapes_tried, step_times
 from highside.diagnosis.core.fit import base_fit
 from highside.diagnosis.core.floor import lattice_step, rounding_errors
 from highside.diagnosis.core.observed import ObservationModel, Observed
+from highside.diagnosis.core.set_angle_errors import turned_by_set_angles
 from highside.diagnosis.law_cells import CellMeans, cells_of, sectors_of
 from highside.diagnosis.laws.chain import OF_POSES, OF_ROTATION, AllRows, chain_problem, covariate_values, unit_law
 from highside.diagnosis.laws.groups import HISTORY
@@ -154,13 +155,7 @@ class ChainSession:
         """The problem of a residual (C, m) at a model; names `effect.parameter` of `also` are free too."""
         state = self.reduced_state
         columns = self.reduced_observed.jacobian(model, [*model.free_names(list(self.free)), *also])
-        jitter = None
-        if self.jitters:
-            angles = np.asarray(model.pose_sensitivity(state), dtype=float)[:, [0, 2]].transpose(1, 0, 2)
-            force = np.asarray(model.chain(state).force, dtype=float)
-            # a shaken bench moves the level to all sides alike, a toolface only as far as the tool is inclined
-            across = np.cross(force, angles[0], axis=0) / np.linalg.norm(force, axis=0)
-            jitter = np.concatenate([angles, across[None]])
+        jitter = turned_by_set_angles(model, state) if self.jitters else None
         return chain_problem(
             model,
             state,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -45,6 +46,21 @@ def names_of(found: Found, model: ForwardModel) -> tuple[Claim, ...]:
         for k, t in enumerate(found.terms)
         if t.group.effect
     )
+
+
+def resized(claims: Sequence[Claim], found: Found, model: ForwardModel) -> tuple[Claim, ...]:
+    """Claims with the sizes and shares that their names have in a search: another name that stood beside them, and that
+    it has not kept, may have taken a part."""
+    again = {c.effect: c for c in names_of(found, model)}
+
+    def sized(claim: Claim) -> Claim:
+        if (one := again.get(claim.effect)) is None:
+            return claim
+        effect = library.get(claim.effect)
+        sizes = {effect.parameters[i].name: one.parameters[effect.parameters[i].name] for i in effect.amplitudes}
+        return replace(claim, parameters={**claim.parameters, **sizes}, share=one.share)
+
+    return tuple(sized(claim) for claim in claims)
 
 
 def alike_of(session: LawSession, model: ForwardModel, found: Found) -> list[str]:

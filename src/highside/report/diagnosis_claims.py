@@ -6,6 +6,7 @@ Named effects and laws alike: a law is named by where it acts and what it follow
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 from highside.diagnosis.core.result import Claim, DiagnosisResult
 from highside.physics.covariates import covariate, lag_of, parted
@@ -320,14 +321,25 @@ def _overlap(sizes: Sequence[float], explained: float) -> str:
 
 
 def _taken_for_noise(diagnosis: DiagnosisResult, explained: float, shares: Mapping[str, float]) -> str:
-    """What is left where the verdict says that nothing else is: slow noise was learnt that is as large."""
+    """What is left where the verdict says that nothing else is: noise was learnt that is as large, slow or of the set
+    angles."""
     left = 1.0 - explained
     if explained <= 0.0:
         # laws of what rows do while poses are held: shares are of the misfit of the means, which knows nothing of it
         return ""
     if diagnosis.verdict not in NOTHING_ELSE or not shares or left < PART_SAID:
         return ""
+    if _angles_are_off(diagnosis.noise):
+        return " " + _(
+            "What is left, %(share)s of the misfit, is taken for errors of the set angles.", share=_percent(left)
+        )
     return " " + _("What is left, %(share)s of the misfit, is taken for noise that wanders.", share=_percent(left))
+
+
+def _angles_are_off(noise: Mapping[str, Any]) -> bool:
+    """Whether the set angles scatter by more than the sensors do: in g per radian, across gravity."""
+    sizes = [noise.get(f"bench_{name}_rad") or 0.0 for name in ("inclination", "toolface", "across")]
+    return bool(max(sizes) > max(noise.get("sigma_g") or [0.0]))
 
 
 def _listed(parts: Sequence[str]) -> str:

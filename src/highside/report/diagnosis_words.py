@@ -315,7 +315,11 @@ def _before_after(before: float, after: float, unit: str, *, changed: bool) -> s
 
 def _of_the_bench(noise: Mapping[str, Any]) -> str:
     """By how much the angles that were set scatter, in words; empty where that was not found."""
-    sizes = {said_later("inclination"): noise.get("bench_inclination_rad"), "toolface": noise.get("bench_toolface_rad")}
+    sizes = {
+        said_later("inclination"): noise.get("bench_inclination_rad"),
+        "toolface": noise.get("bench_toolface_rad"),
+        said_later("the direction across the plane of the tilt"): noise.get("bench_across_rad"),
+    }
     found = [
         _("%(size)s in %(angle)s", size=quantity(size, "rad"), angle=_(angle)) for angle, size in sizes.items() if size
     ]

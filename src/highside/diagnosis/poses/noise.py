@@ -3,10 +3,10 @@
 The scatter is taken from a *rich* residual: everything that any candidate or any smooth function of the covariates
 could explain is projected off first, and the lost degrees of freedom are counted. Components, pose by pose:
 
-    cov(pose) = diag(s_x^2, s_y^2, s_z^2) + s_I^2 t_I t_I' + s_T^2 t_T t_T'
+    cov(pose) = diag(s_x^2, s_y^2, s_z^2) + s_I^2 t_I t_I' + s_T^2 t_T t_T' + s_A^2 t_A t_A'
 
-the three sensors' own scatter, and that of the bench's stops in inclination and toolface (t_I, t_T: change of the
-reading with the angle), which is common to the channels. The second part is kept only where the likelihood asks.
+the three sensors' own scatter, and that of the set angles (`core.set_angles`: inclination, toolface, and across the
+plane of the tilt), which is common to the channels. The second part is kept only where the likelihood asks.
 
 A bench may be quiet by night and shaken by day: the whole is scaled by a size that changes slowly with time, where it
 follows the scatter of the rows within the poses, or else where the mean squares of stretches of the session differ by
@@ -33,14 +33,14 @@ from highside.special import chdtrc, chdtri
 
 @dataclass(frozen=True)
 class PoseNoise:
-    """`sigma` (3,) in g, `inc`, `tf` in rad, and `whitening` (3, 3, n): W_i with W_i cov_i W_i' = 1.
+    """`sigma` (3,) in g, `bench` (3,) in rad, and `whitening` (3, 3, n): W_i with W_i cov_i W_i' = 1.
 
     The components are means over the session; `size` (n,) is what they are multiplied by at each pose.
     """
 
     sigma: Array
-    inc: float
-    tf: float
+    bench: Array
+    """scatter of the set angles: inclination, toolface, and across the plane of the tilt"""
     whitening: Array
     freedom: float
     """residual degrees of freedom that one component was estimated with"""
@@ -57,37 +57,45 @@ class PoseNoise:
 
 
 def estimate(
-    residual: Array, rich: Array, tangents: Array, *, scatter: Array | None = None, uneven: bool = True
+    residual: Array,
+    rich: Array,
+    tangents: Array,
+    *,
+    scatter: Array | None = None,
+    floor: Array | None = None,
+    uneven: bool = True,
 ) -> PoseNoise:
-    """Noise of a residual (3, n) after the rich columns (P, 3, n). `tangents` (2, 3, n): d reading / d(I, T), g/rad.
+    """Noise of a residual (3, n) after the rich columns (P, 3, n); `tangents` (3, 3, n), `turned_by_set_angles`, g/rad.
 
-    With `uneven` its size may change with time; `scatter` (3, n) is that of the rows within each pose, if known.
+    With `uneven` its size may change with time; `scatter` (3, n) is that of the rows within each pose, and `floor`
+    (3, n) that by which these let a pose's mean repeat, if known.
     """
     n = residual.shape[1]
-    sigma, inc, tf = np.full(3, max(float(residual.std()), 1e-12)), 0.0, 0.0
+    sigma, bench = np.full(3, max(float(residual.std()), 1e-12)), np.zeros(len(tangents))
     size = np.ones(n)
+    repeats = np.zeros(3) if floor is None else np.sqrt(np.mean(floor**2, axis=1))
     for _ in range(2):
-        draft = _draft(sigma, inc, tf, tangents, size)
+        draft = _draft(sigma, bench, tangents, size)
         left, share = _left(draft, residual, rich)
         # back to g, scaled up for what the projection took
         swollen = (left / np.sqrt(np.maximum(share, FITS.rich_left))).reshape(3, n)
         back = np.einsum("ijn,jn->in", np.linalg.inv(draft.whitening.transpose(2, 0, 1)).transpose(1, 2, 0), swollen)
-        sigma, inc, tf = _components(back / size, tangents)
+        sigma, bench = _components(back / size, tangents, repeats)
         if uneven:
-            even = _draft(sigma, inc, tf, tangents, np.ones(n)).whitening
+            even = _draft(sigma, bench, tangents, np.ones(n)).whitening
             size = _size(np.einsum("ijn,jn->in", even, back), share.reshape(3, n), scatter)
-    draft = _draft(sigma, inc, tf, tangents, size)
+    draft = _draft(sigma, bench, tangents, size)
     left, share = _left(draft, residual, rich)
     freedom = float(share.sum())
     # the level to which F tests refer: mean square of the rich residual with its own degrees of freedom
     level = max(float(np.sqrt(np.sum(left**2) / freedom)), 1e-9)
     # a test leans on the one component that its effect runs along, which is known to a share of this only
-    components = POSE_NOISE.components if inc or tf else 3
-    return PoseNoise(sigma * level, inc * level, tf * level, draft.whitening / level, freedom / components, size)
+    components = 3 + np.count_nonzero(bench)
+    return PoseNoise(sigma * level, bench * level, draft.whitening / level, freedom / components, size)
 
 
-def _draft(sigma: Array, inc: float, tf: float, tangents: Array, size: Array) -> PoseNoise:
-    return PoseNoise(sigma, inc, tf, _whitening(sigma, inc, tf, tangents) / size, 1.0, size)
+def _draft(sigma: Array, bench: Array, tangents: Array, size: Array) -> PoseNoise:
+    return PoseNoise(sigma, bench, _whitening(sigma, bench, tangents) / size, 1.0, size)
 
 
 def _left(noise: PoseNoise, residual: Array, rich: Array) -> tuple[Array, Array]:
@@ -146,23 +154,26 @@ def _by_stretches(energy: Array, known: Array, near: Array) -> Array:
     return np.asarray(max(0.0, 1.0 - chance / float(np.var(logs))) * (logs - logs.mean()))
 
 
-def _whitening(sigma: Array, inc: float, tf: float, tangents: Array) -> Array:
-    cov = _covariance(sigma, inc, tf, tangents)
+def _whitening(sigma: Array, bench: Array, tangents: Array) -> Array:
+    cov = _covariance(sigma, bench, tangents)
     lower = np.linalg.cholesky(cov)
     return np.asarray(np.linalg.inv(lower).transpose(1, 2, 0))
 
 
-def _covariance(sigma: Array, inc: float, tf: float, tangents: Array) -> Array:
+def _covariance(sigma: Array, bench: Array, tangents: Array) -> Array:
     """(n, 3, 3)."""
-    by_inc, by_tf = tangents.transpose(0, 2, 1)
-    cov = np.zeros((by_inc.shape[0], 3, 3)) + np.diag(sigma**2)
-    cov += inc**2 * by_inc[:, :, None] * by_inc[:, None, :]
-    cov += tf**2 * by_tf[:, :, None] * by_tf[:, None, :]
+    cov = np.zeros((tangents.shape[2], 3, 3)) + np.diag(sigma**2)
+    for size, way in zip(bench, tangents.transpose(0, 2, 1), strict=True):
+        cov += size**2 * way[:, :, None] * way[:, None, :]
     return cov
 
 
-def _components(residual: Array, tangents: Array) -> tuple[Array, float, float]:
-    """Scatter of the sensors (3,) and of the bench's two angles by maximum likelihood, from (3, n)."""
+def _components(residual: Array, tangents: Array, repeats: Array) -> tuple[Array, Array]:
+    """Scatter of the sensors (3,) and of the set angles (3,) by maximum likelihood, from (3, n).
+
+    What is all of the bench leaves a sensor no less than its means repeat by, (3,): in few poses the likelihood would
+    give a channel next to none, and what chance makes of that channel would be beyond chance.
+    """
     plain = residual.std(axis=1)
     # a channel of which the rich model has left nothing is not without noise
     plain = np.maximum(plain, max(POSE_NOISE.quietest * float(plain.max()), 1e-12))
@@ -170,28 +181,30 @@ def _components(residual: Array, tangents: Array) -> tuple[Array, float, float]:
     angle = float(plain.mean())
 
     def deviance(logs: Array) -> tuple[float, Array, Array]:
-        """-2 log likelihood, its gradient by the logarithms of the five sizes, and its expected second derivatives."""
+        """-2 log likelihood, its gradient by the logarithms of the sizes, and its expected second derivatives."""
         scale = np.exp(logs)
-        sigma, inc, tf = plain * scale[:3], angle * scale[3], angle * scale[4]
-        cov = _covariance(sigma, inc, tf, tangents)
+        sigma, bench = plain * scale[:3], angle * scale[3:]
+        cov = _covariance(sigma, bench, tangents)
         inverse = np.linalg.inv(cov)
         left = np.einsum("nij,nj->ni", inverse, rows)
         by_cov = inverse - left[:, :, None] * left[:, None, :]
         # the covariance moves with each logarithm by 2 v v': of a channel its own axis, of an angle its tangent
-        along = np.concatenate([np.broadcast_to(np.diag(sigma)[:, None], (3, *rows.shape)), np.zeros((2, *rows.shape))])
-        along[3], along[4] = inc * tangents[0].T, tf * tangents[1].T
+        axes = np.broadcast_to(np.diag(sigma)[:, None], (3, *rows.shape))
+        along = np.concatenate([axes, bench[:, None, None] * tangents.transpose(0, 2, 1)])
         gradient = 2 * np.einsum("ani,nij,anj->a", along, by_cov, along)
         expected = 4 * np.einsum("ani,nij,bnj->abn", along, inverse, along) ** 2
         value = float(np.sum(np.linalg.slogdet(cov)[1]) + np.sum(left * rows))
         return value, gradient, np.asarray(expected.sum(axis=2))
 
     without = float(2 * residual.shape[1] * np.log(plain).sum() + residual.size)
-    bounds = np.array([POSE_NOISE.sensor_bounds] * 3 + [POSE_NOISE.angle_bounds] * 2)
-    logs, least = _scored(deviance, np.array(POSE_NOISE.start, dtype=float), bounds)
+    bounds = np.array([POSE_NOISE.sensor_bounds] * 3 + [POSE_NOISE.angle_bounds] * len(tangents))
+    bounds[:3, 0] = np.clip(np.log(np.maximum(repeats, 1e-300) / plain), bounds[:3, 0], 0.0)
+    start = np.array([POSE_NOISE.sensor_start] * 3 + [POSE_NOISE.angle_start] * len(tangents))
+    logs, least = _scored(deviance, start, bounds)
     if without - least < POSE_NOISE.table_gain:
-        return plain, 0.0, 0.0
+        return plain, np.zeros(len(tangents))
     scale = np.exp(logs)
-    return plain * scale[:3], float(angle * scale[3]), float(angle * scale[4])
+    return plain * scale[:3], np.where(logs[3:] > bounds[3:, 0], angle * scale[3:], 0.0)
 
 
 def _scored(
@@ -229,7 +242,7 @@ def _scored(
 
 def with_memory(noise: PoseNoise, memories: Sequence[Memory], tangents: Array, t_s: Array) -> PoseNoise:
     """The same noise with the memory of each channel added, as large as the data allow."""
-    cov = _covariance(noise.sigma, noise.inc, noise.tf, tangents) * noise.size[:, None, None] ** 2
+    cov = _covariance(noise.sigma, noise.bench, tangents) * noise.size[:, None, None] ** 2
     level = np.diagonal(cov, axis1=1, axis2=2).mean(axis=0)
     shares = level * [m.variance_share for m in memories]
     lengths = np.array([m.length for m in memories])
@@ -238,5 +251,5 @@ def with_memory(noise: PoseNoise, memories: Sequence[Memory], tangents: Array, t
 
 def white_variance(noise: PoseNoise, tangents: Array) -> Array:
     """(3, n) variance of each reading, memory left aside."""
-    cov = _covariance(noise.sigma, noise.inc, noise.tf, tangents) * noise.size[:, None, None] ** 2
+    cov = _covariance(noise.sigma, noise.bench, tangents) * noise.size[:, None, None] ** 2
     return np.asarray(np.diagonal(cov, axis1=1, axis2=2).T)

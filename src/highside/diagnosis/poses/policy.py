@@ -32,14 +32,13 @@ class PoseNoisePolicy:
     powers: Array = field(default_factory=lambda: np.linspace(0.0, 1.5, 16))
     """Powers of the scatter within poses that the scatter from pose to pose is tried to go with. Source: a grid in
     steps of a tenth, from none to beyond the first power."""
-    components: int = 5
-    """Sizes of the noise that are fitted where the bench scatters: three sensors and two angles. Source:
-    studies.thresholds, 5 to 10."""
     least_square: float = 1e-6
     """Least mean square within poses, beside the mean of all. Source: studies.thresholds, 5e-07 to 2e-06."""
-    start: tuple[float, ...] = (-0.3, -0.3, -0.3, -0.5, -0.5)
-    """Logarithms of the five sizes, in those of the residual, from which the likelihood is climbed. Source: chosen;
-    sizes below the whole residual's, which the five share."""
+    sensor_start: float = -0.3
+    """Logarithm of a sensor's size, in those of the residual, from which the likelihood is climbed. Source: chosen;
+    sizes below the whole residual's, which all share."""
+    angle_start: float = -0.5
+    """Logarithm of that of a set angle. Source: as `sensor_start`."""
     sensor_bounds: tuple[int, int] = (-6, 1)
     """Logarithms between which a sensor's size is sought. Source: e^-6 is 0.25 % of the residual, whose square nobody
     sees beside it (6e-6), and e is more than all of it."""
@@ -52,10 +51,10 @@ class PoseNoisePolicy:
     """Relative change of the likelihood at which the climb ends. Source: studies.thresholds, 5e-08 to 2e-07."""
     ridge: float = 1e-9
     """Share of the trace that is added to the expected second derivatives: a size at its lower bound has next to none.
-    Source: rounding, of five numbers with margin."""
+    Source: rounding, of six numbers with margin."""
     stride: float = 2.0
     """Change of a logarithm in one step, at most: a factor of 7 of a size. Source: 300 drawn sessions, 12 to 300 poses,
-    of which all came within 0.1 of -2 log likelihood of a general minimiser (`tests/unit/test_pose_noise.py`)."""
+    of which all came within 0.2 of -2 log likelihood of a general minimiser (`tests/unit/test_pose_noise.py`)."""
     halvings: int = 12
     """Halvings of a step that gains nothing, before the climb has ended: it is then 1/4,000 of itself. Source: the same
     sessions."""

@@ -26,8 +26,8 @@ from highside.diagnosis.core.problem_policy import OWN_NOISE, ProblemPolicy
 from highside.diagnosis.core.regression import outside
 from highside.diagnosis.core.result import DiagnosisResult, Finding, Location
 from highside.diagnosis.core.rivals import Rivalry, next_poses
+from highside.diagnosis.core.set_angle_errors import taken_for_set_angles, turned_by_set_angles
 from highside.diagnosis.core.still_problem import StillProblem, rich_columns
-from highside.diagnosis.core.unexplained import hinted
 from highside.diagnosis.core.untestable import one_sided, with_manoeuvres
 from highside.diagnosis.poses import noise as noise_model
 from highside.diagnosis.poses.noise import PoseNoise
@@ -37,6 +37,9 @@ from highside.diagnosis.poses.session import PoseSession
 from highside.diagnosis.poses.within import unsteady_poses, with_courses
 from highside.physics.forward import ForwardModel
 from highside.physics.gravity import unit
+
+BENCH = ("bench_inclination_rad", "bench_toolface_rad", "bench_across_rad")
+"""names of the scatter of the set angles, in the order of `turned_by_set_angles`"""
 
 
 @dataclass(frozen=True)
@@ -62,7 +65,7 @@ class PoseProblem(StillProblem[PoseNoise]):
         observed = Observed(state, session.mean)
         model, residual = base_fit(model, observed, free)
         base = observed.jacobian(model, free)
-        tangents = np.asarray(model.pose_sensitivity(state), dtype=float)[:, [0, 2]].transpose(1, 0, 2)
+        tangents = turned_by_set_angles(model, state)
         candidates, unobservable = pose_candidates(model, state, free)
         force = np.asarray(model.chain(state).force, dtype=float)
         candidates += unnamed_interactions(state, force)
@@ -140,7 +143,7 @@ class PoseProblem(StillProblem[PoseNoise]):
         if floor is None:
             return None
         columns = np.concatenate([self.base, self.block(terms)])
-        if not (pose_errors and (self.noise.inc or self.noise.tf)):
+        if not (pose_errors and self.noise.bench.any()):
             return excess(self.residual, columns, floor)
         # an error of a set angle moves the reading across gravity and leaves its magnitude
         normal = unit(self.force)
@@ -148,11 +151,9 @@ class PoseProblem(StillProblem[PoseNoise]):
         return excess(along, np.sum(normal * columns, axis=1)[:, None], floor.projected(normal))
 
     def completed(self, diagnosis: DiagnosisResult) -> DiagnosisResult:
-        inc, tf = float(self.noise.inc), float(self.noise.tf)
-        if diagnosis.verdict == "nothing_left_out" and max(inc, tf) > float(np.max(self.noise.sigma)):
+        if diagnosis.verdict == "nothing_left_out" and self.noise.bench.max() > self.noise.sigma.max():
             # in g per radian: what is left across gravity is larger than the sensor's own noise, and is taken for noise
-            words = f"what is left is taken for errors of the set angles: {np.degrees(inc):.2g} deg of inclination, "
-            diagnosis = hinted(diagnosis, f"{words}{np.degrees(tf):.2g} deg of toolface")
+            diagnosis = taken_for_set_angles(diagnosis, self.noise.bench)
         placed = with_manoeuvres(located_by_cause(diagnosis, self.model, self.session.state), self.session.state)
         return self._one_side.told(with_courses(placed, self.session.within or self._unsteady()))
 
@@ -201,10 +202,9 @@ class PoseProblem(StillProblem[PoseNoise]):
     def noise_summary(self) -> dict[str, Any]:
         noise = self.noise
         return {
-            "model": "per channel and pose" if noise.inc or noise.tf else "per channel",
+            "model": "per channel and pose" if noise.bench.any() else "per channel",
             "sigma_g": [float(s) for s in noise.sigma],
-            "bench_inclination_rad": noise.inc,
-            "bench_toolface_rad": noise.tf,
+            **{name: float(size) for name, size in zip(BENCH, noise.bench, strict=True)},
             "size_over_time": [float(noise.size.min()), float(noise.size.max())],
             "degrees_of_freedom": noise.freedom,
         }
@@ -217,6 +217,7 @@ def _learned(session: PoseSession, residual: Array, rich: Array, tangents: Array
         rich,
         tangents if method.colour else np.zeros_like(tangents),
         scatter=session.scatter,
+        floor=None if session.floor is None else session.floor.sigma,
         uneven=method.colour,
     )
 

@@ -20,7 +20,7 @@ from highside.diagnosis.core.observed import Observed
 from highside.diagnosis.core.outlying import outlying_findings
 from highside.diagnosis.core.result import Finding
 from highside.diagnosis.poses.policy import POSE_SESSIONS
-from highside.diagnosis.poses.within import within_poses
+from highside.diagnosis.poses.within import moving_pose, within_poses
 from highside.errors import InputError
 from highside.physics.forward import ForwardModel
 from highside.physics.state import KNOWN_COLUMNS, ChainState
@@ -155,11 +155,26 @@ def pose_session(
         scatter = np.stack([accel_g[:, rows].std(axis=1, ddof=1) for rows in groups], axis=1)
     step_s = float(np.median(np.diff(columns["t_s"]))) if columns["t_s"].size > 1 else 1.0
     within = within_poses(accel_g, groups, step_s)
-    floor = floor_of_means(accel_g, groups)
+    moved = None if within else moving_pose(accel_g, groups)
+    within = within if moved is None else (moved[1],)
+    floor = floor_of_means(accel_g, groups) if moved is None else _floor_beside(accel_g, groups, moved[0])
     if floor is None and all(rows.size == 1 for rows in groups):
         floor = floor_of_table(columns, np.concatenate(groups))
     rows = HeldRows.of(accel_g, groups, columns["t_s"])
     return PoseSession(mean, count, state, scatter, floor, within, _stops(columns), rows)
+
+
+def _floor_beside(accel_g: Array, groups: list[NDArray[np.intp]], moved: int) -> NoiseFloor | None:
+    """The floor of the means where one pose moved: that of the others, and for its own what its rows (3, N) go through,
+    as a mean over a motion is known no better."""
+    others = [k for k in range(len(groups)) if k != moved]
+    known = floor_of_means(accel_g, [groups[k] for k in others])
+    if known is None:
+        return None
+    sigma = np.empty((len(accel_g), len(groups)))
+    sigma[:, others] = known.sigma
+    sigma[:, moved] = np.maximum(accel_g[:, groups[moved]].std(axis=1), known.sigma.max(axis=1))
+    return NoiseFloor(sigma, known.freedom)
 
 
 def _stays(t_s: Array, groups: list[NDArray[np.intp]]) -> tuple[Array, Array]:

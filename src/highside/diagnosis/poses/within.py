@@ -55,18 +55,19 @@ def within_poses(accel_g: Array, rows: Sequence[Ints], row_seconds: float) -> tu
         courses = _courses(left, row_seconds, rounding) if length >= WITHIN.least_rows else []
         for course in courses or _of_any_shape(left, means, row_seconds, rounding):
             found.setdefault(course.words, []).append((name, course))
-    return tuple(_finding(words, each) for words, each in found.items()) or moving_pose(accel_g, rows)
+    return tuple(_finding(words, each) for words, each in found.items())
 
 
-def moving_pose(accel_g: Array, rows: Sequence[Ints]) -> tuple[Finding, ...]:
-    """The pose in which rows (3, N) move far more than in all others, and by more than they scatter there.
+def moving_pose(accel_g: Array, rows: Sequence[Ints]) -> tuple[int, Finding] | None:
+    """Which pose it is in which rows (3, N) move far more than in all others, and by more than they scatter there; None
+    where there is none.
 
     Its trend, all channels together, is compared with the median of all poses' (of a normal deviate's square), and with
     what the pose's own rows leave of it: noise that is louder in one pose scatters there, and does not go one way.
     """
     kept = [(k, r) for k, r in enumerate(rows) if r.size >= WITHIN.fewest_rows]
     if len(kept) < WITHIN.least_poses:
-        return ()
+        return None
     trend, one_way = np.empty((2, len(accel_g), len(kept)))
     ranges, usual = np.empty((len(accel_g), len(kept))), np.empty((len(accel_g), 1))
     for c, channel in enumerate(accel_g):
@@ -92,11 +93,11 @@ def moving_pose(accel_g: Array, rows: Sequence[Ints]) -> tuple[Finding, ...]:
     alone = alone * max(np.count_nonzero(p < WITHIN.chance), 1)
     k = int(np.argmin(np.where(alone < WITHIN.goes_one_way, p, 1.0)))
     if not (p[k] < WITHIN.chance and alone[k] < WITHIN.goes_one_way):
-        return ()
+        return None
     words = f"readings move while pose {kept[k][0] + 1} is held, unlike in the others"
     which = np.flatnonzero(trend[:, k] / usual[:, 0] > ratio[k] / len(accel_g) ** 2)
     each = [(CHANNELS[c], _Course(words, float(ranges[c, k]), float(p[k]))) for c in which]
-    return (_finding(words, each),) if each else ()
+    return (kept[k][0], _finding(words, each)) if each else None
 
 
 def _of_any_shape(left: Array, means: Array, row_seconds: float, rounding: float) -> list[_Course]:
