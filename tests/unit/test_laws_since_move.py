@@ -9,6 +9,7 @@ from highside.diagnosis.laws.course import HeldRows
 from highside.diagnosis.laws.since_move import laws_since_move
 from highside.diagnosis.poses.session import pose_session, rows_of_poses
 from highside.physics.forward import ForwardModel
+from studies.open_world.score import every_case
 
 MODEL = {"sensor": {"free": ["bias", "scale", "misalignment"]}}
 POSES, ROWS, STEP_S, ROW_G = 40, 12, 0.5, 1e-4
@@ -104,3 +105,16 @@ def test_a_drift_and_noise_with_memory_are_no_course(kind: str) -> None:
         state = pose_session(columns, accel, gravity_mps2=9.81).state
         held = HeldRows(accel, columns["t_s"], rows_of_poses(columns, accel))
         assert laws_since_move(held, state, ForwardModel.of({})) is None
+
+
+def test_what_moves_within_poses_by_many_noises_is_a_law_of_the_time_since_a_move_alone() -> None:
+    # the inclination follows a temperature that goes on changing while poses are held, by 900 times the noise: products
+    # of two quantities were tried for the amplitudes, and one that holds no time since the move ended in an error
+    case = every_case("8d0136d146393ae05a8810eedbb5df439b5af3fc", ("law",))["law/120"]()
+    columns = {name: np.asarray(column) for name, column in case.recording.items()}
+    accel = np.stack([columns[name] for name in ("ax_g", "ay_g", "az_g")])
+    held = HeldRows(accel, columns["t_s"], rows_of_poses(columns, accel))
+    made = laws_since_move(held, pose_session(columns, accel, gravity_mps2=9.80665).state, ForwardModel.of({}))
+    assert made is not None
+    laws, _ = made
+    assert laws and all("time_since_move" in one.claim.depends_on for one in laws)

@@ -98,7 +98,10 @@ class Search(Steps):
         if known is not None and one.worth < worth(known.evidence, known.terms) - LAW_SEARCH.hopeless:
             return self._found(one)
         one = self._from_curves(self._from_single_curves(one))
-        one = self._from_curves(self._from_between(one)) if self.problem.every_pair else self._from_pairs(one)
+        if self.problem.every_pair:
+            one = self._from_curves(self._from_between(one))
+        elif self._variants:
+            one = self._from_pairs(one)
         one = self._from_its_noise(one)
         if self.problem.every_pair and one.noise.remembers:
             one = self._from_edges(one)
