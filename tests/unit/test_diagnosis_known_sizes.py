@@ -76,11 +76,18 @@ def test_one_left_out_and_one_at_another_size_are_told_apart() -> None:
     said = first_sentence(replace(made.found, claims=tuple(alike)), {"quadratic": 0.105, "base_tilt": 0.03}, "")
     assert "(3% of the misfit) at another size. Either of them explains the other 37%." in said
     assert said.endswith(" What is left, 50% of the misfit, is taken for noise that wanders.")
-    # where one explains next to nothing, and where nothing explains anything (shares know no law within the poses)
+    # where one explains next to nothing, where both do, and where the set angles were learned to be off
     said = first_sentence(replace(made.found, claims=tuple(alike)), {"quadratic": 0.06, "base_tilt": 0.0}, "")
     assert said.endswith(" What is left, 78% of the misfit, is taken for noise that wanders.")
-    said = first_sentence(replace(made.found, claims=tuple(alike)), {"quadratic": 0.0, "base_tilt": 0.0}, "")
-    assert "taken for noise" not in said
+    nothing = {"quadratic": 0.0, "base_tilt": 0.0}
+    said = first_sentence(replace(made.found, claims=tuple(alike)), nothing, "")
+    assert said.endswith(" What is left, 100% of the misfit, is taken for noise that wanders.")
+    noise = {**made.found.noise, "beside_laws_set_angles_rad": [4e-3, 0.0, 0.0]}
+    said = first_sentence(replace(made.found, claims=tuple(alike), noise=noise), nothing, "")
+    assert said.endswith(" What is left, 100% of the misfit, is taken for errors of the set angles.")
+    # shares know no law within the poses
+    within = [replace(claim, depends_on=("time_since_move",)) for claim in alike]
+    assert "is taken for" not in first_sentence(replace(made.found, claims=tuple(within)), nothing, "")
 
 
 def test_the_right_size_is_nothing() -> None:

@@ -157,6 +157,19 @@ def test_a_tool_that_sits_a_little_differently_each_time_is_told_so_near_the_ver
     assert found.noise["bench_inclination_rad"] == pytest.approx(size, rel=0.25)
 
 
+def test_a_name_that_leaves_all_to_errors_of_the_set_angles_in_few_poses_is_not_told() -> None:
+    """A step of one axis beside toolfaces that are off by 0.25 deg, or follow something by as much: it explains 1 %."""
+    rng = np.random.default_rng(0)
+    inc, tf = rng.uniform(10, 100, 20), rng.uniform(0, 360, 20)
+    mean = np.asarray(gravity_direction(np.radians(inc), np.radians(tf + rng.normal(0, 0.25, 20))), dtype=float)
+    mean[2, 10:] += 4e-4
+    columns = recorded(inc, tf, mean, rng)
+    found, _ = diagnose_poses(pose_session(columns, accel(columns), gravity_mps2=9.80665), ForwardModel.of({}), FREE)
+    assert (found.verdict, found.claims) == ("not_testable", ())
+    assert "bias_step" in found.remainder.resembles
+    assert "deg of toolface; in 20 poses these cannot be distinguished from" in found.remainder.hints[0]
+
+
 @pytest.mark.parametrize("step_g", [1e-3, 5e-3])
 def test_a_step_in_a_session_by_hand_is_not_taken_for_noise(step_g: float) -> None:
     """22 attitudes, one axis reads more from the middle on: the magnitudes disagree more than they repeat."""

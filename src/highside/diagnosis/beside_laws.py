@@ -18,7 +18,7 @@ from highside.diagnosis.core.finding_policy import BESIDE, FLOOR
 from highside.diagnosis.core.fit import base_fit
 from highside.diagnosis.core.problem import ReportData
 from highside.diagnosis.core.result import Claim, DiagnosisResult, Fit, Verdict
-from highside.diagnosis.identified_noise import with_identified_noise
+from highside.diagnosis.identified_noise import names_beside_set_angles, with_identified_noise, with_set_angles
 from highside.diagnosis.law_answers import beside_laws, location_of, told_implausible, told_unnamed
 from highside.diagnosis.law_outcomes import Outcome, above_rounding, beside_random_walk, without_leftovers
 from highside.diagnosis.law_sessions import LawSession
@@ -71,13 +71,13 @@ def with_laws(
     outcome = without_leftovers(outcome, model, known)
     if outcome.implausible and outcome.names:
         return told_implausible(diagnosis, outcome.names), report
-    if (unnamed := _unnamed(diagnosis, report, outcome, frozenset(known))) is not None:
+    if (unnamed := _unnamed(session, model, diagnosis, report, outcome, frozenset(known))) is not None:
         return unnamed
     outcome = _without_chance(outcome, chain, model)
     if not (outcome.laws or outcome.renamed or outcome.doubted) and all(c.effect in known for c in outcome.names):
         told = {c.effect: c for c in outcome.names}
         diagnosis = replace(diagnosis, claims=tuple(told.get(c.effect, c) for c in diagnosis.claims))
-        return with_identified_noise(diagnosis, outcome.found), report
+        return with_set_angles(with_identified_noise(diagnosis, outcome.found), outcome.found), report
     if outcome.laws:
         outcome = above_rounding(outcome, model, session.rounding(_final(session, model, outcome)))
         if not (outcome.laws or outcome.names):
@@ -93,12 +93,11 @@ def with_laws(
     fit = _fit(session, outcome.found, report, after, diagnosis.fit)
     if not (diagnosis.claims or outcome.names) and _explains_nothing(session, outcome, report.before, after):
         return diagnosis, report
-    places = tuple(location_of(c) for c in laws)
     kept = diagnosis.location if outcome.names and (diagnosis.claims or not laws) else ()
     made = replace(
         diagnosis,
         verdict=verdict,
-        location=(*kept, *places),
+        location=(*kept, *(location_of(c) for c in laws)),
         claims=claims,
         fit=fit,
         remainder=beside_laws(diagnosis.remainder, [c.effect for c in claims]),
@@ -107,7 +106,8 @@ def with_laws(
     parts = {name: part for name, part in report.parts.items() if any(c.effect == name for c in outcome.names)}
     for part in [*(c.effect for c in outcome.names if c.effect not in known), *(one.law.id for one in outcome.laws)]:
         parts[part] = np.asarray(session.observed.residual(final.without(part)) - after)
-    return made, replace(report, after=after, parts=parts, sigma=_noise_beside(session, report, outcome.found))
+    data = replace(report, after=after, parts=parts, sigma=_noise_beside(session, report, outcome.found))
+    return with_set_angles(made, outcome.found), data
 
 
 def _without_chance(outcome: Outcome, chain: Sequence[Claim], model: ForwardModel) -> Outcome:
@@ -130,11 +130,21 @@ def _noise_beside(session: LawSession, report: ReportData, found: Found) -> tupl
 
 
 def _unnamed(
-    diagnosis: DiagnosisResult, report: ReportData, outcome: Outcome, known: frozenset[str]
+    session: LawSession,
+    model: ForwardModel,
+    diagnosis: DiagnosisResult,
+    report: ReportData,
+    outcome: Outcome,
+    known: frozenset[str],
 ) -> tuple[DiagnosisResult, ReportData] | None:
-    """The answer where none of the `known` names stays and no law stands in their place; else None."""
-    if outcome.laws or outcome.names:
+    """The answer where none of the `known` names stays and no law stands in their place, or where the names that stay
+    are not to be told; else None."""
+    if outcome.laws:
         return None
+    if outcome.names:
+        after = np.asarray(session.observed.residual(_final(session, model, outcome)))
+        names = frozenset(c.effect for c in outcome.names)
+        return names_beside_set_angles(diagnosis, report, outcome.found, names, after)
     if outcome.is_noise:
         unnamed, report = told_unnamed(diagnosis, report, known, left=True)
         made = with_identified_noise(replace(unnamed, location=()), outcome.found)

@@ -23,6 +23,7 @@ from highside.diagnosis.core.result import DiagnosisResult
 from highside.diagnosis.core.serial_correlation import RANDOM_WALK
 from highside.diagnosis.core.set_angle_errors import in_words, instead, taken_for_set_angles
 from highside.diagnosis.core.unexplained import hinted
+from highside.diagnosis.law_answers import told_unnamed
 from highside.diagnosis.laws.found import Found
 from highside.diagnosis.laws.free_rivals import leaves_most
 from highside.diagnosis.laws.policy import LAW_VERDICT
@@ -65,6 +66,30 @@ def with_remembering_rows(
         "was left out: hold each pose longer, or record each several times"
     )
     return hinted(replace(diagnosis, verdict="not_testable"), words), report
+
+
+def names_beside_set_angles(
+    diagnosis: DiagnosisResult, report: ReportData, found: Found, names: frozenset[str], after: Array
+) -> tuple[DiagnosisResult, ReportData] | None:
+    """The answer where `names` leave nearly all of the misfit, (C, n) `after` them, and it is taken for errors of the
+    set angles that may as well be a law of these: that is not testable, whatever the names explain. None elsewhere."""
+    if found.problem.jitter is None or not may_hide_a_law(found.noise, found.problem.n):
+        return None
+    if float(np.sum(after**2)) < (1.0 - LAW_VERDICT.least_explained) * float(np.sum(report.before**2)):
+        return None
+    unnamed, without = told_unnamed(diagnosis, report, names, left=True)
+    made = _undecided_angles(replace(unnamed, verdict="nothing_left_out"), found)
+    return None if made.verdict == "nothing_left_out" else (made, without)
+
+
+def with_set_angles(diagnosis: DiagnosisResult, found: Found) -> DiagnosisResult:
+    """The diagnosis with names or laws beside which errors of the set angles were learned, larger than any bench makes:
+    what is left of the misfit is taken for these, and that is said."""
+    noise = found.noise
+    if found.problem.jitter is None or not diagnosis.claims or usual(noise):
+        return diagnosis
+    known = {**diagnosis.noise, "beside_laws_set_angles_rad": [float(size) for size in noise.jitter]}
+    return taken_for_set_angles(replace(diagnosis, noise=known), noise.jitter)
 
 
 def _by_scatter_alone(diagnosis: DiagnosisResult) -> bool:

@@ -324,7 +324,7 @@ def _taken_for_noise(diagnosis: DiagnosisResult, explained: float, shares: Mappi
     """What is left where the verdict says that nothing else is: noise was learnt that is as large, slow or of the set
     angles."""
     left = 1.0 - explained
-    if explained <= 0.0:
+    if all("time_since_move" in claim.depends_on for claim in diagnosis.claims):
         # laws of what rows do while poses are held: shares are of the misfit of the means, which knows nothing of it
         return ""
     if diagnosis.verdict not in NOTHING_ELSE or not shares or left < PART_SAID:
@@ -337,9 +337,11 @@ def _taken_for_noise(diagnosis: DiagnosisResult, explained: float, shares: Mappi
 
 
 def _angles_are_off(noise: Mapping[str, Any]) -> bool:
-    """Whether the set angles scatter by more than the sensors do: in g per radian, across gravity."""
+    """Whether the set angles scatter by more than any bench makes, or than the sensors do: in g per radian, across
+    gravity."""
     sizes = [noise.get(f"bench_{name}_rad") or 0.0 for name in ("inclination", "toolface", "across")]
-    return bool(max(sizes) > max(noise.get("sigma_g") or [0.0]))
+    beside = max(noise.get("beside_laws_set_angles_rad") or [0.0])
+    return beside > 0.0 or bool(max(sizes) > max(noise.get("sigma_g") or [0.0]))
 
 
 def _listed(parts: Sequence[str]) -> str:

@@ -393,8 +393,8 @@ class LawVerdictPolicy:
     other laws: none of 171 nulls of walking, 1/f and coloured noise of three decks had a law, and of laws in 14 poses,
     of whatever size, none can gain 40."""
     least_explained: float = 0.01
-    """Share of the misfit above the noise below which laws, where that misfit is larger than the noise, are no answer.
-    Source: an offset that swings ever faster was told as a law of the rate that explained less than a thousandth."""
+    """Share of a misfit larger than the noise below which laws are no answer, nor names where it is taken for errors of
+    the set angles. Source: an offset that swings ever faster was told as a law that explained less than 0.001."""
     least_share: float = 1e-5
     """Share of the misfit below which a law beside names is none. Source: two effects of 30 mg (lever arm, late clock)
     leave 3e-7 of what they do to the means over cells (tests/unit/test_diagnosis_long.py)."""
