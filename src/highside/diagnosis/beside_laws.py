@@ -75,9 +75,7 @@ def with_laws(
         return unnamed
     outcome = _without_chance(outcome, chain, model)
     if not (outcome.laws or outcome.renamed or outcome.doubted) and all(c.effect in known for c in outcome.names):
-        told = {c.effect: c for c in outcome.names}
-        diagnosis = replace(diagnosis, claims=tuple(told.get(c.effect, c) for c in diagnosis.claims))
-        return with_set_angles(with_identified_noise(diagnosis, outcome.found), outcome.found), report
+        return _unchanged(diagnosis, outcome), report
     if outcome.laws:
         outcome = above_rounding(outcome, model, session.rounding(_final(session, model, outcome)))
         if not (outcome.laws or outcome.names):
@@ -108,6 +106,17 @@ def with_laws(
         parts[part] = np.asarray(session.observed.residual(final.without(part)) - after)
     data = replace(report, after=after, parts=parts, sigma=_noise_beside(session, report, outcome.found))
     return with_set_angles(made, outcome.found), data
+
+
+def _unchanged(diagnosis: DiagnosisResult, outcome: Outcome) -> DiagnosisResult:
+    """The diagnosis with its names as they stand beside laws, and with the noise that was learned there. Nothing
+    resembles any name where nothing is left."""
+    told = {c.effect: c for c in outcome.names}
+    diagnosis = replace(diagnosis, claims=tuple(told.get(c.effect, c) for c in diagnosis.claims))
+    made = with_set_angles(with_identified_noise(diagnosis, outcome.found), outcome.found)
+    if made.verdict == "nothing_left_out":
+        made = replace(made, remainder=replace(made.remainder, resembles=()))
+    return made
 
 
 def _without_chance(outcome: Outcome, chain: Sequence[Claim], model: ForwardModel) -> Outcome:
