@@ -115,8 +115,10 @@ def test_a_step_that_was_found_has_stayed_in_the_next_recording() -> None:
 def test_a_name_that_is_ahead_of_all_laws_does_not_give_way(name: str, effect: str, tmp_path: Path) -> None:
     cases = every_case("6e7a83282220bb7c572626125f35237d45e292c7", ("known",))
     row = run_case(cases[name](), tmp_path)
-    names = [claim["effect"] for claim in row["answer"]["claims"] if not judging.is_law(claim)]
-    assert names[:1] == [effect] and set(names) <= set(row["truth"]["effects"])
+    names = [claim for claim in row["answer"]["claims"] if not judging.is_law(claim)]
+    assert names[0]["effect"] == effect
+    # of a second one, a lag of the temperature in a random walk, this session shows the class
+    assert all(set(claim["equivalence_class"]) & set(row["truth"]["effects"]) for claim in names)
 
 
 @pytest.mark.parametrize(
