@@ -37,6 +37,7 @@ def _compiled() -> None:
     kernels(10**9)
 
 
+FURTHER = pytest.mark.further
 SETTINGS = FilterSettings(latitude_rad=LATITUDE_RAD, azimuth_rad=np.radians(60.0))
 
 
@@ -161,17 +162,17 @@ def test_a_turning_table_shows_all_biases_to_gravity_as_well_as_theory_allows() 
         experiment = rotating_table(theta_deg, rate_hz=10.0)
         assert np.degrees(azimuth_bound(experiment)[-1]) == pytest.approx(bound_deg, rel=0.01)
         errors = []
-        for seed in range(24):
+        for seed in range(16):
             result, _ = _run(experiment, 500 + seed, settings=replace(NO_STOPS, azimuth_std_rad=1e-5))
             errors.append(np.degrees(wrap_signed(float(result.azi_rad[-1] - experiment.psi[-1]))))
             assert result.basis == (AzimuthBasis.ROTATION,)
             # what it states is the bound
             assert np.degrees(result.azi_std_rad[-1]) == pytest.approx(bound_deg, rel=0.03)
-        # 24 runs tell a standard deviation to 14 %, those of all three inclinations to 8 %: at the bound, either limit
+        # 16 runs tell a standard deviation to 18 %, those of all three inclinations to 10 %: at the bound, either limit
         # is passed by chance in less than one of 200
-        assert np.sqrt(np.mean(np.square(errors))) < 1.4 * bound_deg
+        assert np.sqrt(np.mean(np.square(errors))) < 1.55 * bound_deg
         every += (np.array(errors) / bound_deg).tolist()
-    assert np.sqrt(np.mean(np.square(every))) < 1.25
+    assert np.sqrt(np.mean(np.square(every))) < 1.3
 
 
 def test_a_turning_rod_with_a_scale_error_keeps_its_azimuth_and_finds_the_error() -> None:
@@ -204,7 +205,16 @@ def test_a_curved_hole_is_followed_and_straight_hole_hides_it() -> None:
     assert AzimuthBasis.CONSTRAINT in hidden.basis
 
 
-@pytest.mark.parametrize("case", ["rest", "turning", "curved", "drilling", "azimuth and latitude just wrong"])
+@pytest.mark.parametrize(
+    "case",
+    [
+        "rest",
+        pytest.param("turning", marks=FURTHER),
+        pytest.param("curved", marks=FURTHER),
+        "drilling",
+        "azimuth and latitude just wrong",
+    ],
+)
 def test_azimuth_and_biases_stay_within_three_sigma_in_95_of_100_runs(case: str) -> None:
     azimuth = bias = 0
     settings = replace(NO_STOPS, azimuth_std_rad=np.radians(1.0))

@@ -218,10 +218,10 @@ def test_an_attitude_is_flagged_where_its_error_exceeds_two_of_its_sigmas(calibr
 def test_a_state_of_another_kind_is_refused_and_what_is_said_is_a_message(
     calibration: highside.Calibration, shocked: dict[str, Array]
 ) -> None:
-    stage = a_stage(calibration)
+    stage, correction = a_stage(calibration), correction_from_record(calibration.record)
     for k, t in enumerate(shocked["t_s"].tolist()):
         a, w = ([float(shocked[name][k]) for name in names] for names in (AXES, RATES))
-        corrected = correction_from_record(calibration.record).correct((a[0], a[1], a[2]), temp_c=25.0)
+        corrected = correction.correct((a[0], a[1], a[2]), temp_c=25.0)
         stage.add(t, *w)
         stage.close(t, 1000.0 + t, corrected[:3], 25.0)
     stage.finish()
