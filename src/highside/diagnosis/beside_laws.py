@@ -17,11 +17,11 @@ from highside.diagnosis.claimed_values import around_onsets, beyond_first_order,
 from highside.diagnosis.core.finding_policy import BESIDE, FLOOR
 from highside.diagnosis.core.fit import base_fit
 from highside.diagnosis.core.problem import ReportData
-from highside.diagnosis.core.result import Claim, DiagnosisResult, Fit, Verdict
+from highside.diagnosis.core.result import Claim, DiagnosisResult, Fit, Remainder, Verdict
 from highside.diagnosis.identified_noise import names_beside_set_angles, with_identified_noise, with_set_angles
 from highside.diagnosis.law_answers import beside_laws, location_of, told_implausible, told_unnamed
 from highside.diagnosis.law_outcomes import Outcome, above_rounding, beside_random_walk, without_leftovers
-from highside.diagnosis.law_sessions import LawSession
+from highside.diagnosis.law_sessions import ChainSession, LawSession
 from highside.diagnosis.laws.cases import cases_of_laws
 from highside.diagnosis.laws.claims import ReportedLaw, heldout_of, proved, reported_laws
 from highside.diagnosis.laws.effects import EffectGroup
@@ -73,7 +73,7 @@ def with_laws(
         return told_implausible(diagnosis, outcome.names), report
     if (unnamed := _unnamed(session, model, diagnosis, report, outcome, frozenset(known))) is not None:
         return unnamed
-    outcome = _without_chance(outcome, chain, model)
+    outcome = _without_chance(session, model, outcome, chain)
     if not (outcome.laws or outcome.renamed or outcome.doubted) and all(c.effect in known for c in outcome.names):
         return _unchanged(diagnosis, outcome), report
     if outcome.laws:
@@ -98,7 +98,7 @@ def with_laws(
         location=(*kept, *(location_of(c) for c in laws)),
         claims=claims,
         fit=fit,
-        remainder=beside_laws(diagnosis.remainder, [c.effect for c in claims]),
+        remainder=_remainder(diagnosis, claims),
         noise={**diagnosis.noise, "beside_laws": outcome.found.noise.summary()},
     )
     parts = {name: part for name, part in report.parts.items() if any(c.effect == name for c in outcome.names)}
@@ -119,9 +119,22 @@ def _unchanged(diagnosis: DiagnosisResult, outcome: Outcome) -> DiagnosisResult:
     return made
 
 
-def _without_chance(outcome: Outcome, chain: Sequence[Claim], model: ForwardModel) -> Outcome:
+def _remainder(diagnosis: DiagnosisResult, claims: Sequence[Claim]) -> Remainder:
+    """What is told of the rest: what was, where some of the names stay and nothing new stands beside them."""
+    names = {c.effect for c in claims}
+    return (
+        diagnosis.remainder
+        if names <= {c.effect for c in diagnosis.claims}
+        else beside_laws(diagnosis.remainder, names)
+    )
+
+
+def _without_chance(session: LawSession, model: ForwardModel, outcome: Outcome, chain: Sequence[Claim]) -> Outcome:
     """The outcome without laws in which some of several names stay, and each of the others may be chance: rounding or
-    scatter of the set angles, which are learnt beside laws, are as likely."""
+    scatter of the set angles, which are learnt beside laws, are as likely. Where only |g| is known neither is, and
+    closed forms compete."""
+    if not isinstance(session, ChainSession):
+        return outcome
     staying = {c.effect for c in outcome.names}
     lost = [c for c in chain if c.effect not in staying]
     if outcome.laws or outcome.doubted or not (staying and lost) or any(c.p_familywise <= BESIDE.certain for c in lost):

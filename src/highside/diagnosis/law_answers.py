@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -36,7 +36,7 @@ def with_shares(
     return named, tuple(replace(claim, share=(claim.share or 0.0) / total) for claim in laws)
 
 
-def beside_laws(remainder: Remainder, claimed: Sequence[str] = ()) -> Remainder:
+def beside_laws(remainder: Remainder, claimed: Collection[str] = ()) -> Remainder:
     """What is told where laws are claimed: what they resemble, and which names have no constant size."""
     return Remainder(
         hints=remainder.hints[: len(remainder.changing)],
