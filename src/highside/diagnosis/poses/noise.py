@@ -5,8 +5,8 @@ could explain is projected off first, and the lost degrees of freedom are counte
 
     cov(pose) = diag(s_x^2, s_y^2, s_z^2) + s_I^2 t_I t_I' + s_T^2 t_T t_T' + s_A^2 t_A t_A'
 
-the three sensors' own scatter, and that of the set angles (`core.set_angles`: inclination, toolface, and across the
-plane of the tilt), which is common to the channels. The second part is kept only where the likelihood asks.
+the three sensors' own scatter, and that of the set angles (inclination, toolface, and across the plane of the tilt:
+`core.set_angle_errors`), which is common to the channels. The second part is kept only where the likelihood asks.
 
 A bench may be quiet by night and shaken by day: the whole is scaled by a size that changes slowly with time, where it
 follows the scatter of the rows within the poses, or else where the mean squares of stretches of the session differ by
