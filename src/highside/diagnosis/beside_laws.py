@@ -18,7 +18,12 @@ from highside.diagnosis.core.finding_policy import BESIDE, FLOOR
 from highside.diagnosis.core.fit import base_fit
 from highside.diagnosis.core.problem import ReportData
 from highside.diagnosis.core.result import Claim, DiagnosisResult, Fit, Remainder, Verdict
-from highside.diagnosis.identified_noise import names_beside_set_angles, with_identified_noise, with_set_angles
+from highside.diagnosis.identified_noise import (
+    angles_may_hide_a_law,
+    names_beside_set_angles,
+    with_identified_noise,
+    with_set_angles,
+)
 from highside.diagnosis.law_answers import beside_laws, location_of, told_implausible, told_unnamed
 from highside.diagnosis.law_outcomes import Outcome, above_rounding, beside_random_walk, without_leftovers
 from highside.diagnosis.law_sessions import ChainSession, LawSession
@@ -122,11 +127,9 @@ def _unchanged(diagnosis: DiagnosisResult, outcome: Outcome) -> DiagnosisResult:
 def _remainder(diagnosis: DiagnosisResult, claims: Sequence[Claim]) -> Remainder:
     """What is told of the rest: what was, where some of the names stay and nothing new stands beside them."""
     names = {c.effect for c in claims}
-    return (
-        diagnosis.remainder
-        if names <= {c.effect for c in diagnosis.claims}
-        else beside_laws(diagnosis.remainder, names)
-    )
+    if names <= {c.effect for c in diagnosis.claims}:
+        return diagnosis.remainder
+    return beside_laws(diagnosis.remainder, names)
 
 
 def _without_chance(session: LawSession, model: ForwardModel, outcome: Outcome, chain: Sequence[Claim]) -> Outcome:
@@ -164,6 +167,8 @@ def _unnamed(
     if outcome.laws:
         return None
     if outcome.names:
+        if not angles_may_hide_a_law(outcome.found):
+            return None
         after = np.asarray(session.observed.residual(_final(session, model, outcome)))
         names = frozenset(c.effect for c in outcome.names)
         return names_beside_set_angles(diagnosis, report, outcome.found, names, after)

@@ -68,13 +68,16 @@ def with_remembering_rows(
     return hinted(replace(diagnosis, verdict="not_testable"), words), report
 
 
+def angles_may_hide_a_law(found: Found) -> bool:
+    """Whether errors of the set angles were learned that in so few poses may as well be a law of these."""
+    return found.problem.jitter is not None and may_hide_a_law(found.noise, found.problem.n)
+
+
 def names_beside_set_angles(
     diagnosis: DiagnosisResult, report: ReportData, found: Found, names: frozenset[str], after: Array
 ) -> tuple[DiagnosisResult, ReportData] | None:
-    """The answer where `names` leave nearly all of the misfit, (C, n) `after` them, and it is taken for errors of the
-    set angles that may as well be a law of these: that is not testable, whatever the names explain. None elsewhere."""
-    if found.problem.jitter is None or not may_hide_a_law(found.noise, found.problem.n):
-        return None
+    """The answer where `names` leave nearly all of the misfit, (C, n) in g `after` them, to errors of the set angles
+    that may as well be a law of these: that is not testable, whatever the names explain. None elsewhere."""
     if float(np.sum(after**2)) < (1.0 - LAW_VERDICT.least_explained) * float(np.sum(report.before**2)):
         return None
     unnamed, without = told_unnamed(diagnosis, report, names, left=True)
