@@ -10,6 +10,7 @@ from highside.diagnosis.poses.policy import POSE_NOISE
 from highside.diagnosis.poses.problem import PoseProblem
 from highside.diagnosis.poses.session import PoseSession, pose_session
 from highside.physics.forward import ForwardModel
+from highside.physics.state import ChainState
 from studies import diagnosis_deck as deck
 
 FURTHER = pytest.mark.further
@@ -88,6 +89,22 @@ def test_two_slow_effects_that_hide_one_another_are_found_together(method: Proce
     found = deck.diagnosed(simulated(effects, 6), method)
     assert found.verdict in ("named", "named_plus")
     assert {claim.effect for claim in found.claims} == set(effects)
+
+
+def test_a_step_between_two_stations_of_a_long_session_is_a_step() -> None:
+    inclination, toolface = np.linspace(16.0, 86.0, 6), np.linspace(0.0, 348.0, 30)
+    at = ChainState.build(
+        np.radians(np.repeat(inclination, 30)), np.radians(np.tile(toolface, 6)), t_s=50.0 * np.arange(180)
+    )
+    rng = np.random.default_rng(3)
+    sensor, _ = deck.sensor_and_base(at, rng)
+    onset = 50.0 * (90 - 0.5)
+    stepped = sensor.with_effects({"bias_step": {"a_x": 2.6e-3, "a_z": 1.6e-3, "t0": onset}})
+    found = deck.diagnosed(PoseSession(stepped.predict(at) + deck.white_noise(at, rng), np.ones(at.n), at))
+    (claim,) = found.claims
+    assert claim.effect == "bias_step"
+    assert claim.parameters["t0"].value == pytest.approx(onset, abs=25.0)
+    assert claim.parameters["a_x"].value == pytest.approx(2.6e-3, abs=3e-5)
 
 
 @WAYS

@@ -26,9 +26,9 @@ from highside.printable import one_line
 GROUP = "highside.effects"
 MOST_SHAPES = 1000
 """Combinations of shapes that an effect may ask to have tried. Each is a column an amplitude in memory and in the race:
-the library's largest (a step anywhere) requires 60; a thousand take a minute of poses."""
+the library's largest (a step anywhere) requires 60, or among poses 300; a thousand take a minute of poses."""
 EPOCHS = 60
-"""Times of onset that are tried, at most."""
+"""Times of onset that are tried over rows, at most; among poses there are more where the other shapes leave room."""
 WORDS = ("title", "formula", "story")
 IDENTIFIER = re.compile(r"[a-z][a-z0-9_]*")
 

@@ -24,7 +24,7 @@ from highside.diagnosis.core.untestable import one_sided
 from highside.physics.effect import Effect, Parameter, Stage
 from highside.physics.effects import all_effects
 from highside.physics.forward import ForwardModel
-from highside.physics.outside_effects import EPOCHS, MOST_SHAPES
+from highside.physics.outside_effects import MOST_SHAPES
 from highside.physics.state import ChainState
 
 CHANNELS = ("ax", "ay", "az")
@@ -207,7 +207,7 @@ def step_times(state: ChainState) -> tuple[float, ...]:
     elapsed = state.t_s - state.t_s[0]
     between = (elapsed[:-1] + elapsed[1:]) / 2
     inner = between[CANDIDATES.from_the_ends : -CANDIDATES.from_the_ends]
-    keep = np.unique(np.linspace(0, inner.size - 1, min(EPOCHS, inner.size)).round().astype(int))
+    keep = np.unique(np.linspace(0, inner.size - 1, min(CANDIDATES.onsets, inner.size)).round().astype(int))
     return tuple(float(value) for value in inner[keep])
 
 
