@@ -35,7 +35,7 @@ from highside.diagnosis.core.serial_correlation import (
     slow_ranking,
 )
 from highside.diagnosis.core.unexplained import hinted
-from highside.diagnosis.identified_noise import with_remembering_rows
+from highside.diagnosis.identified_noise import beside_floor, with_remembering_rows
 from highside.diagnosis.law_sessions import ChainSession, MagnitudeLaws
 from highside.diagnosis.poses.problem import PoseProblem
 from highside.diagnosis.poses.session import PoseSession
@@ -69,10 +69,11 @@ def diagnose_poses(
 ) -> tuple[DiagnosisResult, ReportData]:
     """Diagnose n poses against a model whose effects `free` may be refitted. The same seed gives the same answer."""
     problem = PoseProblem.of(session, model, tuple(free), seed, method)
-    answer = diagnose(problem, version)
+    found, report = diagnose(problem, version)
     if method.laws:
-        answer = with_laws(ChainSession.of_poses(session, free), problem.model, *answer)
-    return with_remembering_rows(session, problem.base, *answer) if method.colour else answer
+        found, report = with_laws(ChainSession.of_poses(session, free), problem.model, found, report)
+    found = beside_floor(found, problem.floor_excess([]), problem.readings)
+    return with_remembering_rows(session, problem.base, found, report) if method.colour else (found, report)
 
 
 def diagnose_rotation(
@@ -259,9 +260,8 @@ def _relinearised_selection(
             selection = with_best_rival(problem, selection, fit)
             compared = _which(selection.terms)
         selection = without_unneeded(problem, selection)
-        second_order = (
-            0.0 if selection.fit is None or selection.fit.second_order is None else selection.fit.second_order
-        )
+        beyond = None if selection.fit is None else selection.fit.second_order
+        second_order = 0.0 if beyond is None else beyond
         other = second_order - problem.second_order
         if isinstance(other, float) or not np.any(other) or energy(problem.noise, other) < FITS.second_order:
             break

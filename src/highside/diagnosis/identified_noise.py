@@ -17,12 +17,13 @@ import numpy as np
 
 from highside.arrays import Array
 from highside.diagnosis.core.finding_policy import FLOOR
+from highside.diagnosis.core.floor import Excess
 from highside.diagnosis.core.policy import MEMORY
 from highside.diagnosis.core.problem import ReportData
 from highside.diagnosis.core.result import DiagnosisResult
 from highside.diagnosis.core.serial_correlation import RANDOM_WALK
-from highside.diagnosis.core.set_angle_errors import in_words, instead, taken_for_set_angles
-from highside.diagnosis.core.unexplained import hinted
+from highside.diagnosis.core.set_angle_errors import TAKEN_FOR, in_words, instead, taken_for_set_angles
+from highside.diagnosis.core.unexplained import hinted, with_excess
 from highside.diagnosis.law_answers import told_unnamed
 from highside.diagnosis.laws.found import Found
 from highside.diagnosis.laws.free_rivals import leaves_most
@@ -42,6 +43,23 @@ def with_identified_noise(diagnosis: DiagnosisResult, found: Found) -> Diagnosis
     if diagnosis.verdict == "nothing_left_out":
         return _undecided_memory(_far_above_floor(_undecided_angles(diagnosis, found), found), found)
     return _of_one_axis(diagnosis, found) if diagnosis.verdict == "wander" else diagnosis
+
+
+def beside_floor(diagnosis: DiagnosisResult, found: Excess | None, readings: str) -> DiagnosisResult:
+    """The diagnosis of poses by what the base leaves beside the floor of their means, `found`.
+
+    More than noise that is correlated from pose to pose leaves is no "nothing": what follows the settings is correlated
+    from pose to pose as well. And where the misfit has no name, what was learned as noise may be the misfit: its size
+    stands beside the floor.
+    """
+    if found is None or any(hint.startswith(TAKEN_FOR) for hint in diagnosis.remainder.hints):
+        return diagnosis
+    if diagnosis.verdict == "nothing_left_out" and found.above(LAW_VERDICT.far_above):
+        diagnosis = with_excess(diagnosis, found, readings, LAW_VERDICT.far_above)
+    fit = diagnosis.fit
+    if diagnosis.verdict != "unknown" or fit is None or fit.noise_floor is None or not found.above(FLOOR.ratio):
+        return diagnosis
+    return replace(diagnosis, fit=replace(fit, noise_floor=min(fit.noise_floor, found.floor)))
 
 
 def with_remembering_rows(
