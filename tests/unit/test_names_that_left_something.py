@@ -10,9 +10,12 @@ import pytest
 from highside.api.diagnosis import diagnose
 from highside.api.simulation import predict
 from highside.config.model import Model
+from highside.diagnosis.core.method import ProcedureParts
+from highside.diagnosis.core.policy import MEMORY
 from highside.physics.forward import ForwardModel
 from highside.physics.state import ChainState
 from studies.open_world import judging
+from studies.open_world.answers import write
 from studies.open_world.score import every_case, run_case
 
 FURTHER = pytest.mark.further
@@ -71,6 +74,17 @@ def test_what_is_far_above_the_floor_is_not_nothing(name: str, verdict: str, wor
     assert row["truth"]["strength"] > 1e5
     assert row["answer"]["verdict"] == verdict
     assert words in (tmp_path / "diagnosis.json").read_text()
+
+
+def test_what_follows_the_settings_is_not_noise_with_a_memory_far_above_the_floor(tmp_path: Path) -> None:
+    # 71 poses, four laws of 6 mg in sum: neighbouring poses differ by 20 deg of toolface and misfit alike
+    case = every_case("8d0136d146393ae05a8810eedbb5df439b5af3fc", ("law",))["law/280"]()
+    write(case, tmp_path)
+    found = diagnose(tmp_path / "a.csv", tmp_path / "model.toml", method=ProcedureParts.without("laws")).found
+    assert max(found.noise["memory_evidence"]) > MEMORY.found
+    assert found.verdict == "unknown"
+    assert found.fit is not None and found.fit.noise_floor == pytest.approx(53e-6, abs=2e-6)
+    assert any("more than they repeat" in hint for hint in found.remainder.hints)
 
 
 def test_a_step_that_was_found_has_stayed_in_the_next_recording() -> None:
