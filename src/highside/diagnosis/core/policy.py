@@ -51,9 +51,7 @@ class CandidatesPolicy:
     from_the_ends: int = 4
     """Poses at each end beside which no step is tried. Source: studies.thresholds, 2 to 8."""
     onsets: int = 300
-    """Instants between poses at which an onset is tried: every gap of so many, evenly spaced ones of more. An onset that
-    is missed by a pose leaves its whole size in that pose. Source: studies.open_world.score, known/192 of 8d0136d1 (180
-    poses): at 60 of its gaps a step of 2.6 mg was told as an offset over inclination, at all of them as the step."""
+    """Instants between poses at which an onset is tried, at most. Source: known/192 of 8d0136d1; 60 missed a step."""
     inclination_stations: int = 4
     """A single inclination station is looked at where there are more inclination stations than this. Source:
     studies.thresholds, 2 to 8."""
@@ -96,8 +94,7 @@ class ChunksPolicy:
     rows: int = 4096
     """Rows worked on at a time: they stay near the processor. Source: studies.thresholds, 2048 to 8192."""
     threads: int = 2
-    """Runs of rows that are worked on at the same time, unless more are asked for. Source: studies.thresholds, 1 to
-    4."""
+    """Runs of rows that are worked on at once, unless more are asked for. Source: studies.thresholds, 1 to 4."""
 
 
 CHUNKS = ChunksPolicy()
@@ -240,8 +237,7 @@ class PlacesPolicy:
     poses_a_wave: int = 6
     """Poses for each wave of time that is scanned. Source: studies.thresholds, 3 to 12."""
     channel_share: float = 0.1
-    """Share of the strongest channel's energy from which a channel is reported. Source: studies.thresholds, 0.05 to
-    0.2."""
+    """Share of the strongest channel's energy from which one is reported. Source: studies.thresholds, 0.05 to 0.2."""
     explained: float = 0.9
     """Share of what the best covariate explains that a simpler one must. Source: studies.thresholds, 0.45 to 0.95."""
     ranged: float = 0.25
