@@ -116,7 +116,13 @@ class Broker:
         for process in (self._subscriber, self._broker):
             if process is not None:
                 process.terminate()
-                process.wait(10)
+                try:
+                    process.wait(10)
+                except subprocess.TimeoutExpired:
+                    # told to end before it is connected, mosquitto_sub goes on trying; the broker holds what it has not
+                    # acknowledged, so nothing is lost
+                    process.kill()
+                    process.wait(10)
         self._broker = self._subscriber = None
 
     def messages(self, topic: str) -> list[dict[str, object]]:
