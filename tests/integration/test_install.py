@@ -513,6 +513,8 @@ def test_each_extra_is_tried(project_root: Path) -> None:
     declared = tomllib.loads((project_root / "pyproject.toml").read_text())["project"]["optional-dependencies"]
     # those are no part of the product: the tests themselves, the site's builder, the build, the benchmarks' rivals
     assert set(EXTRAS) == set(declared) - {"all", "test", "docs", "build", "rivals"}
+    tried = test_an_extra_brings_what_it_promises.pytestmark[0].args[1]
+    assert {one if isinstance(one, str) else one.values[0] for one in tried} == set(EXTRAS)
 
 
 def _try_extra(extra: str, it: Installed, project_root: Path, bench_data: Path, tmp_path: Path) -> None:
@@ -522,7 +524,25 @@ def _try_extra(extra: str, it: Installed, project_root: Path, bench_data: Path, 
         does(it, project_root, bench_data, tmp_path / str(number))
 
 
-@pytest.mark.parametrize("extra", EXTRAS)
+@pytest.mark.parametrize(
+    "extra",
+    [
+        "can",
+        pytest.param("plot", marks=FURTHER),
+        pytest.param("pdf", marks=FURTHER),
+        "web",
+        "metrics",
+        "export",
+        pytest.param("import", marks=FURTHER),
+        "frames",
+        pytest.param("notebook", marks=FURTHER),
+        "sign",
+        "survey",
+        "fast",
+        "fleet",
+        "service",
+    ],
+)
 def test_an_extra_brings_what_it_promises(
     extra: str, install: Callable[[str, str], Installed], project_root: Path, bench_data: Path, tmp_path: Path
 ) -> None:

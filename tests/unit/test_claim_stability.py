@@ -68,6 +68,7 @@ def test_claims_are_ordered_by_their_share(method: ProcedureParts) -> None:
     assert all(claim.stable and claim.channels for claim in found.claims)
 
 
+@FURTHER
 def test_a_size_that_changes_half_way_is_not_named_as_a_constant() -> None:
     """A bench that sags twice as much in the second half of the session."""
     rng = np.random.default_rng(5)

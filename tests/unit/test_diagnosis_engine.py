@@ -83,7 +83,7 @@ def test_two_effects_at_once_are_both_named() -> None:
         ("white", 100),
         pytest.param("white", 101, marks=FURTHER),
         pytest.param("one bad channel x4", 100, marks=FURTHER),
-        ("table jitter", 101),
+        pytest.param("table jitter", 101, marks=FURTHER),
         pytest.param("heavy tails", 100, marks=FURTHER),
         ("coloured AR(0.5)", 101),
     ],
@@ -110,7 +110,7 @@ def test_a_wandering_bias_is_called_wander_and_not_given_a_cause(seed: int) -> N
     ("name", "follows"),
     [
         ("temperature x z^2", "temp"),
-        ("temperature x cos 3T", "tf"),
+        pytest.param("temperature x cos 3T", "tf", marks=FURTHER),
         pytest.param("bump at one toolface", "tf", marks=FURTHER),
     ],
 )
@@ -199,7 +199,7 @@ def test_few_poses_are_refused_with_the_number_needed() -> None:
     ("effect", "times"),
     [
         ("sag", 100),
-        ("base_tilt", 100),
+        pytest.param("base_tilt", 100, marks=FURTHER),
         pytest.param("reference_twist", 100, marks=FURTHER),
         pytest.param("backlash", 100, marks=FURTHER),
         ("stiction", 100),
@@ -243,6 +243,7 @@ def test_a_strong_slow_effect_is_no_walk_whatever_its_time_constant(
         assert abs(stated.value - truth[name]) < 4.5 * stated.std
 
 
+@FURTHER
 def test_what_lives_within_a_few_poses_is_proved_on_poses_between_them(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(deck.SINGLES, "warmup", {"tau": 240.0})
     session, _ = deck.single(STATE, "warmup", 400.0, seed=8)

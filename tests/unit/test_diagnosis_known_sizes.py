@@ -109,7 +109,12 @@ def beside_a_law(seed: int, tilt_deg: float) -> dict[str, np.ndarray]:
 
 @pytest.mark.parametrize(
     ("true_deg", "seed"),
-    [(0.0, 1), pytest.param(0.0, 3, marks=FURTHER), (0.05, 2), pytest.param(0.1, 2, marks=FURTHER)],
+    [
+        pytest.param(0.0, 1, marks=FURTHER),
+        pytest.param(0.0, 3, marks=FURTHER),
+        (0.05, 2),
+        pytest.param(0.1, 2, marks=FURTHER),
+    ],
 )
 def test_beside_a_law_a_size_that_the_simulation_has_wrong_is_named_with_the_right_one(
     seed: int, true_deg: float

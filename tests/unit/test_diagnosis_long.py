@@ -24,6 +24,8 @@ from highside.physics.plan import Profile, RotationPlan, Session, Site
 from highside.physics.state import ChainState
 from studies.scenario import random_sensor
 
+FURTHER = pytest.mark.further
+
 Array = NDArray[np.float64]
 FREE = ("bias", "scale", "misalignment")
 STRONG = {"lever_arm": {"r_x": 8e-3, "r_y": -3e-3}, "time_offset": {"t0": 2e-3}}
@@ -127,6 +129,7 @@ def test_only_a_strong_effect_is_looked_for_in_some_rows_first() -> None:
     )
 
 
+@FURTHER
 def test_strong_effects_of_a_long_recording_are_distinguished_from_what_is_the_same_to_first_order() -> None:
     session = recording(STRONG, turning(160.0))
     diagnosis, _ = diagnose_rotation(session, ForwardModel.of({}), FREE)

@@ -16,6 +16,8 @@ from highside.physics.gravity import attitude_of
 from highside.physics.plan import Site
 from highside.physics.state import ChainState
 
+FURTHER = pytest.mark.further
+
 ROWS, RATE_HZ, SIGMA_G = 200, 50.0, 2e-4
 FREE = ("bias", "scale", "misalignment")
 REAL = {
@@ -130,6 +132,7 @@ def test_at_rest_what_acts_across_gravity_stays_open() -> None:
     assert stated["t0"].value == pytest.approx(240.0, abs=4.0)
 
 
+@FURTHER
 def test_intervals_at_rest_allow_for_a_walk_that_hardly_shows() -> None:
     """A walk of 0.15 mg over the record is hardly seen beside a step of 1 mg, and moves it by more than the noise."""
     misses = []

@@ -91,7 +91,7 @@ def test_a_bump_over_the_toolface_is_located_where_it_is() -> None:
     assert overlap(place.intervals, 80.0, 180.0) > 0.6
 
 
-@pytest.mark.parametrize("inclination", [20.0, pytest.param(45.0, marks=FURTHER), 90.0])
+@pytest.mark.parametrize("inclination", [pytest.param(20.0, marks=FURTHER), pytest.param(45.0, marks=FURTHER), 90.0])
 def test_one_inclination_that_is_off_is_no_noise_that_remembers_but_that_inclination(inclination: float) -> None:
     rng = np.random.default_rng(int(inclination))
     sensor, base = deck.sensor_and_base(STATE, rng)
@@ -167,6 +167,7 @@ def test_a_vibration_of_a_while_is_found_when_it_was_there(method: ProcedurePart
     assert overlap(found.location[0].intervals, first, last) > 0.6
 
 
+@FURTHER
 @pytest.mark.parametrize("seed", [2, pytest.param(3, marks=FURTHER)])
 def test_noise_that_grows_and_shrinks_and_remembers_is_no_burst(seed: int) -> None:
     session, _ = turning_rows(0.0, seed)

@@ -86,7 +86,7 @@ def many(monkeypatch: pytest.MonkeyPatch) -> None:
         "nothing left out",
         # between nothing and what is strong
         pytest.param("weak", marks=FURTHER),
-        "strong",
+        pytest.param("strong", marks=FURTHER),
         pytest.param("an effect that remembers", marks=FURTHER),
         "rows lost, rows without meaning",
         "a line",
@@ -253,6 +253,7 @@ def test_a_damaged_file_is_one_line(recorded: Path, model: Path, tmp_path: Path)
         diagnose(tmp_path / "torn.parquet", model, run_by_run=True)
 
 
+@FURTHER
 def test_the_command_and_a_fleet_read_a_long_file_run_by_run(
     recorded: Path, model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

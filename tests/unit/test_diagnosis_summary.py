@@ -14,6 +14,8 @@ from highside.errors import InputError
 from highside.physics.forward import ForwardModel
 from highside.physics.state import ChainState
 
+FURTHER = pytest.mark.further
+
 Array = NDArray[np.float64]
 Effects = dict[str, dict[str, float]]
 
@@ -104,6 +106,7 @@ def test_nothing_is_left_out_of_a_complete_model() -> None:
     assert {"backlash", "bias_drift", "mounting"} <= {n.effect for n in found.not_testable}
 
 
+@FURTHER
 def test_a_bench_that_is_not_level_is_named_with_its_size_and_place() -> None:
     found = diagnosed(table({"base_tilt": {"tilt_x": 3e-4, "tilt_y": -4e-4}}, 2)).diagnosis
     assert found.verdict in ("named", "named_plus")
@@ -117,6 +120,7 @@ def test_a_bench_that_is_not_level_is_named_with_its_size_and_place() -> None:
     assert found.fit.heldout_rmse_after < 0.5 * found.fit.heldout_rmse_before
 
 
+@FURTHER
 def test_a_row_that_was_measured_wrongly_is_named() -> None:
     printed = table({"base_tilt": {"tilt_x": 3e-4, "tilt_y": -4e-4}}, 3)
     printed[3, 2] += 0.05

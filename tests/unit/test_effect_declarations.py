@@ -27,6 +27,8 @@ from highside.physics.outside_effects import check, tried_out, wave_of
 from highside.physics.places import PLACES
 from highside.physics.state import ChainState
 
+FURTHER = pytest.mark.further
+
 LIBRARY = list(effects.registry().values())
 by_id = pytest.mark.parametrize("effect", LIBRARY, ids=lambda effect: effect.id)
 
@@ -274,6 +276,7 @@ def test_an_effect_with_two_shapes_is_found_in_poses_with_both(
         assert found[name].value == pytest.approx(value, abs=max(near, 4 * found[name].std)), name
 
 
+@FURTHER
 @pytest.mark.slow
 def test_an_effect_with_two_shapes_is_found_in_a_rotation(monkeypatch: pytest.MonkeyPatch) -> None:
     with_library(monkeypatch, Kick())

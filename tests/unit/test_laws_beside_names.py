@@ -11,6 +11,8 @@ from highside.config.model import Model, parse_model
 from highside.physics.forward import ForwardModel
 from highside.physics.state import ChainState
 
+FURTHER = pytest.mark.further
+
 SIGMA = 2e-5
 ROWS = 4
 PLAIN = ForwardModel.of({})
@@ -61,6 +63,7 @@ def test_a_law_that_was_found_predicts_the_next_session_and_leaves_nothing_there
     assert diagnose(columns, model).verdict == "nothing_left_out"
 
 
+@FURTHER
 def test_two_names_that_stand_for_one_law_give_way_to_it() -> None:
     made = diagnose(recording(3, "fourth")[0], MODEL)
     assert made.verdict == "law"

@@ -28,6 +28,7 @@ def test_a_strong_law_of_several_in_few_poses_is_told_though_noise_would_take_it
     assert row["closed"] > closed
 
 
+@FURTHER
 def test_each_of_two_strong_laws_in_few_poses_is_chosen_by_its_evidence_with_the_noise_learnt_again(
     tmp_path: Path,
 ) -> None:

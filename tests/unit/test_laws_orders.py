@@ -30,13 +30,13 @@ def poses(seed: int, order: int, size_g: float, toolfaces: int) -> dict[str, np.
     }
 
 
-@pytest.mark.parametrize("size_g", [1e-3, pytest.param(1e-2, marks=FURTHER), 1e-1])
+@pytest.mark.parametrize("size_g", [pytest.param(1e-3, marks=FURTHER), pytest.param(1e-2, marks=FURTHER), 1e-1])
 @pytest.mark.parametrize(
     ("order", "toolfaces", "alike"),
     [
         (5, 12, 7),
         pytest.param(5, 18, None, marks=FURTHER),
-        (7, 18, 11),
+        pytest.param(7, 18, 11, marks=FURTHER),
         pytest.param(3, 18, None, marks=FURTHER),
         (8, 24, None),
     ],

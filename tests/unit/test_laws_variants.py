@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from highside.diagnosis.core.fit import Observed, base_fit
 from highside.diagnosis.core.result import DiagnosisResult
@@ -20,6 +21,8 @@ from highside.physics.forward import ForwardModel
 from highside.physics.gravity import gravity_direction
 from highside.physics.memory import low_pass
 from highside.physics.state import ChainState
+
+FURTHER = pytest.mark.further
 
 FREE = ("bias", "scale", "misalignment")
 SIGMA = 2e-5
@@ -144,6 +147,7 @@ def test_large_errors_of_set_angles_in_few_poses_are_not_nothing() -> None:
     assert "record 72 poses" in made.remainder.hints[0]
 
 
+@FURTHER
 def test_errors_that_any_bench_makes_are_nothing_in_few_poses_too() -> None:
     """A table of steps of 0.018 deg: sessions of 23 good poses were not testable."""
     for seed in range(5):
@@ -164,6 +168,7 @@ def test_errors_of_set_angles_that_take_little_are_nothing_and_no_scatter_above_
     assert made.remainder.hints[0].startswith("ay scatters 12.0 times more than it repeats")
 
 
+@FURTHER
 def test_small_errors_or_many_poses_are_nothing() -> None:
     assert told(24, "nothing_left_out", lambda rng: np.zeros(24)).verdict == "nothing_left_out"
     assert told(80, "nothing_left_out", lambda rng: rng.normal(0, 4e-4, 80)).verdict == "nothing_left_out"

@@ -37,7 +37,7 @@ def turning(effects: dict[str, Sizes], seed: int = 2) -> RotationSession:
         pytest.param("gyro_temperature_bias", {"bt_x": 2e-5, "bt_z": -3e-5}, marks=FURTHER),
         ("gyro_temperature_scale", {"st_z": 1e-5}),
         ("gyro_warmup", {"a_x": 4e-4, "a_y": -5e-4, "tau": 30.0}),
-        ("gyro_bias_step", {"a_y": 3e-4, "a_z": -2e-4, "t0": 60.0}),
+        pytest.param("gyro_bias_step", {"a_y": 3e-4, "a_z": -2e-4, "t0": 60.0}, marks=FURTHER),
         # in a stepped session too
         pytest.param("load_hysteresis", {"h_x": 1.5e-4, "h_y": -1.2e-4, "width": 0.1}, marks=FURTHER),
     ],

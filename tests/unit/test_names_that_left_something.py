@@ -35,6 +35,7 @@ def test_a_name_that_leaves_more_noise_than_a_law_does_has_no_margin(tmp_path: P
     assert found["closed"] > 0.95
 
 
+@FURTHER
 def test_a_name_that_leaves_sixty_times_the_floor_explains_nothing(tmp_path: Path) -> None:
     # a dent of the toolface of 2 deg in 12 poses, told as `encoder_first_harmonic`, beside a law of temperature
     row = answer(B4791EE, "law/258", tmp_path)
@@ -117,6 +118,7 @@ def test_a_step_that_was_found_has_stayed_in_the_next_recording() -> None:
     assert np.mean(added) == pytest.approx(2e-3, rel=0.05)
 
 
+@FURTHER
 @pytest.mark.parametrize(
     ("name", "effect"),
     [

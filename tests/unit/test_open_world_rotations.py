@@ -18,7 +18,7 @@ PAIRS = "66ff7ef17a204d806ec138e48a9793a8c0c0dbe3"
         # a curve that bends within a cell: of its mean temperature it left a second law, and both were wrong elsewhere
         pytest.param(WHERE_ROWS_ARE, "law/301", marks=FURTHER),
         # a factor that follows the rate and the supply together, no listed pair
-        (PAIRS, "law/037"),
+        pytest.param(PAIRS, "law/037", marks=FURTHER),
         # a stray delay was learned of a temperature at single rows in place of means, and took the laws away
         (PAIRS, "law/089"),
     ],
@@ -34,7 +34,7 @@ def test_a_law_is_found_and_predicts_another_session(seed: str, name: str, tmp_p
     [
         # steps of a converter across the axis are no error of means; a step within a cell has its time
         pytest.param("known/173", "temperature_bias", marks=FURTHER),
-        ("known/181", "bias_step"),
+        pytest.param("known/181", "bias_step", marks=FURTHER),
         # a hysteresis wider than the range, in a random walk, is a temperature coefficient
         ("known/087", "temperature_bias"),
     ],

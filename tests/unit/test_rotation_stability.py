@@ -16,6 +16,8 @@ from highside.physics.forward import ForwardModel
 from studies.scenario import random_sensor
 from tests.unit.test_diagnosis_rotation import FREE, SIGMA, turning
 
+FURTHER = pytest.mark.further
+
 N, NOISE = 900, 0.3
 T = np.arange(N) / N
 
@@ -81,6 +83,7 @@ def reported(factor: np.ndarray) -> DiagnosisResult:
     return diagnose_rotation(session, ForwardModel.of({}), FREE, method=ProcedureParts.without("laws"))[0]
 
 
+@FURTHER
 def test_a_lever_arm_that_changes_over_the_session_has_not_that_name() -> None:
     n = turning().n
     constant = reported(np.ones(n))

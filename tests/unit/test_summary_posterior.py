@@ -12,6 +12,8 @@ from highside.diagnosis.table.posterior import Posterior, instruments
 from highside.papers.balance_session import INCLINATIONS_DEG, PaperPlan, cells_of, run_session
 from highside.physics.forward import ForwardModel
 
+FURTHER = pytest.mark.further
+
 NOISE_G = 40e-6
 MODEL = ForwardModel.of(
     {
@@ -44,6 +46,7 @@ def posterior(explained: Explained) -> Posterior:
     return instruments(explained, 120, 1)
 
 
+@FURTHER
 def test_probabilities_of_the_explanations_sum_to_one_and_all_hold_what_is_there(posterior: Posterior) -> None:
     assert abs(sum(e.probability for e in posterior.explanations) - 1.0) < 1e-9
     assert sum(e.probability for e in posterior.explanations if "base_tilt" in e.effects) > 0.9
