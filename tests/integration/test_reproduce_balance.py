@@ -22,6 +22,8 @@ from highside.papers import balance_prediction, published_instrument, reproduce_
 from highside.papers.balance_prediction import Count
 from highside.papers.balance_session import COLUMNS, INCLINATIONS_DEG, METHODS
 
+FURTHER = pytest.mark.further
+
 FILES = {
     "table1": "table1_conventional.csv",
     "table2": "table2_small_conventional_vs_balance.csv",
@@ -102,6 +104,7 @@ def test_the_question_is_the_one_that_diagnose_asks_of_table_1(
         assert pickle.dumps(value) == pickle.dumps(by_reproduce[name]), name
 
 
+@FURTHER
 def test_the_instrument_is_the_one_that_table_1_alone_gives(
     run: tuple[Path, dict[str, Any]], table1_alone: dict[str, Any]
 ) -> None:
