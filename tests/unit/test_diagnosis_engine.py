@@ -227,7 +227,7 @@ def test_what_a_strong_effect_does_beyond_first_order_is_given_no_name_of_its_ow
     [
         pytest.param("warmup", {"tau": 1300.0}, 3e4, marks=FURTHER),
         pytest.param("thermal_lag", {"tau": 270.0}, 3e4, marks=FURTHER),
-        ("thermal_lag", {"tau": 270.0}, 1e6),
+        pytest.param("thermal_lag", {"tau": 270.0}, 1e6, marks=FURTHER),
         ("thermal_hysteresis", {"width": 5.7}, 1e6),
     ],
 )

@@ -22,7 +22,7 @@ SEED = "66ff7ef17a204d806ec138e48a9793a8c0c0dbe3"
     [
         # a tilt of five degrees: the misalignment that the base fit had put in its place acts on the load it moves, and
         # was told as a scale that follows the temperature and two more laws
-        "sweep/006/10000000",
+        pytest.param("sweep/006/10000000", marks=FURTHER),
         # 14 poses in 1/f noise: 40 nats were asked beside a random walk, and a law of any size gained 15
         "sweep/004/10000000",
         pytest.param("sweep/004/100000", marks=FURTHER),
