@@ -291,10 +291,13 @@ def _chosen(
 def _single(
     problem: LawProblem, claims: Sequence[Claim], beside: Found, groups: list[LawGroup], own: Sequence[EffectGroup]
 ) -> tuple[Outcome | None, bool]:
-    """One name, `beside` which no law gains, with its class; and whether it is clear of every law in its place."""
-    if beside.terms or len(claims) != 1 or beside.next_gain >= LAW_VERDICT.beside:
+    """One name, `beside` which no law gains, with its class; and whether it is clear of every law in its place. So
+    several, where they explain so much that laws which they stand for would leave what gains."""
+    if beside.terms or beside.next_gain >= LAW_VERDICT.beside:
         return None, False
     found = as_rivals(problem, beside, groups, own)
+    if len(claims) > 1 and (problem.every_pair or worth_of(found) < LAW_VERDICT.no_stand_in):
+        return None, False
     told, ahead = with_free_rivals(claims, found)
     is_noise = problem.every_pair and worth_of(found) < LAW_VERDICT.worth
     behind = -min(ahead.values())

@@ -35,8 +35,12 @@ def as_rivals(problem: LawProblem, beside: Found, groups: list[LawGroup], own: S
     families = Families(problem, groups)
     white = Whitened(families, Whitener(problem, beside.noise), problem.residual)
     _, priors = white.of_groups(list(own)).scores([], within=np.inf)
-    terms = tuple(LawTerm(group, prior) for group, prior in zip(own, priors, strict=True))
-    return Found(problem, terms, beside.noise, 0.0, (), (), problem.residual, families)
+    terms = [LawTerm(group, prior) for group, prior in zip(own, priors, strict=True)]
+    for k, group in enumerate(own if len(own) > 1 else ()):
+        # of several each is as large as it is beside the others
+        _, (prior,) = white.of_groups([group]).scores([t for i, t in enumerate(terms) if i != k], within=np.inf)
+        terms[k] = LawTerm(group, prior)
+    return Found(problem, tuple(terms), beside.noise, 0.0, (), (), problem.residual, families)
 
 
 def worth_of(found: Found) -> float:

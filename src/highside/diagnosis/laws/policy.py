@@ -33,8 +33,7 @@ class LawGroupsPolicy:
     """Rows of a session, at most, over which functions are averaged; of more they are those of the mean. Source: 17
     functions of 360,000 rows take 0.1 s."""
     averaged_kept: int = 1000
-    """Covariates whose functions over cells are kept. Source: 60 MB of 3,000 cells; a search of 360,000 rows asks for
-    620."""
+    """Covariates whose functions over cells are kept. Source: 60 MB of 3,000 cells; 360,000 rows ask for 620."""
     by_nodes: float = 2.0
     """rad by which the fastest function of a covariate turns over one standard deviation within a cell, up to which its
     mean is taken from six nodes. Source: of values that are spread evenly it is right to 2e-5 there."""
@@ -182,8 +181,7 @@ class LawSearchPolicy:
     further claim, and must be worth as much as a law; of 6 nats a product over all pairs of covariates took the place
     of its true factor in heavy-tailed noise (law/294 of the open world of seed pl-tune-1)."""
     named: float = 6.0
-    """Nats behind the best law within which an effect of the library is taken in its place. Source: chosen; within the
-    class."""
+    """Nats behind the best law within which an effect of the library is taken in its place. Source: chosen; a tie."""
     rival_gain: float = 1.0
     """Nats by which another group must be ahead to take a law's place. Source: chosen; less is a tie."""
     variant: float = 12.0
@@ -405,6 +403,9 @@ class LawVerdictPolicy:
     """Scatter of one axis above its floor, in units of another's, from which a walk of it alone may be something left
     out. Source: as `most_left`; laws of one axis in 14 poses, of strengths 400 to 405,000, left 15 to 263 (law/120 of
     6724e666)."""
+    no_stand_in: float = 1e6
+    """Nats of several names of a rotation, from which no law is sought in their place. Source: arithmetic; laws that
+    names stand for would leave `LawSearchPolicy.gain` beside them, and names mimic no law to a part of 1e-5."""
     memory: float = 12.0
     """Nats by which noise that is correlated from pose to pose must be ahead of noise that is not, to be what is left.
     Source: as `LawSearchPolicy.gain`."""
