@@ -15,7 +15,6 @@ import pytest
 from highside.cli.main import main
 from highside.recording.table import read_recording, write_recording
 
-
 TRUTH = """
 [sensor]
 noise_g = 80e-6
