@@ -149,7 +149,7 @@ def test_noise_is_no_law(kind: str) -> None:
     assert Search(posed).run().terms == ()
 
 
-@pytest.mark.parametrize("shaken", [(2,), pytest.param(0, 2, marks=FURTHER)])
+@pytest.mark.parametrize("shaken", [(2,), pytest.param((0, 2), marks=FURTHER)])
 def test_noise_far_above_the_floor_bars_a_law_from_its_own_channels_alone(shaken: tuple[int, ...]) -> None:
     state = session(21, 14)
     rng = np.random.default_rng(21)

@@ -24,7 +24,7 @@ from highside.diagnosis.core.untestable import one_sided
 from highside.physics.effect import Effect, Parameter, Stage
 from highside.physics.effects import all_effects
 from highside.physics.forward import ForwardModel
-from highside.physics.outside_effects import MOST_SHAPES
+from highside.physics.outside_effects import EPOCHS, MOST_SHAPES
 from highside.physics.state import ChainState
 
 CHANNELS = ("ax", "ay", "az")
@@ -203,11 +203,14 @@ def time_constants(shape: Parameter, state: ChainState) -> tuple[float, ...]:
 
 
 def step_times(state: ChainState) -> tuple[float, ...]:
-    """Instants between poses, away from both ends, for a step that could be anywhere."""
+    """Instants between poses, away from both ends, for a step that could be anywhere; of one attitude, whose means are
+    many and alike, fewer."""
     elapsed = state.t_s - state.t_s[0]
     between = (elapsed[:-1] + elapsed[1:]) / 2
     inner = between[CANDIDATES.from_the_ends : -CANDIDATES.from_the_ends]
-    keep = np.unique(np.linspace(0, inner.size - 1, min(CANDIDATES.onsets, inner.size)).round().astype(int))
+    moves = max(float(np.ptp(state.inc_rad)), float(np.ptp(state.tf_rad))) > 0.0
+    most = min(CANDIDATES.onsets if moves else EPOCHS, inner.size)
+    keep = np.unique(np.linspace(0, inner.size - 1, most).round().astype(int))
     return tuple(float(value) for value in inner[keep])
 
 
