@@ -19,6 +19,8 @@ from test_bench_page import CLICK_S, assert_accessible, assert_fits, badge
 
 from tests.photograph import a_photograph
 
+FURTHER = pytest.mark.further
+
 HEARD = """
   window.tones = [];
   const start = OscillatorNode.prototype.start;
@@ -49,6 +51,7 @@ async def a_page(browser: Browser, bench: BenchProcess, width: int = 1400) -> Pa
     return page
 
 
+@FURTHER
 async def test_tones_say_hands_off_done_and_knock_and_can_be_silenced(tmp_path: Path) -> None:
     mistakes = 'simulated.mistakes={2="shock"}'
     async with bench_process(tmp_path, "--set", mistakes, speed=3.0) as bench, chromium() as browser:
@@ -297,6 +300,7 @@ async def send_photograph(page: Page, bench: BenchProcess, folder: Path) -> None
         assert refused.status_code == 413, "of who may not command not even that much is read"
 
 
+@FURTHER
 async def test_notes_and_photographs_are_kept_with_the_journal_and_stand_in_the_report(tmp_path: Path) -> None:
     from highside.bench.photographs import photographs
     from highside.bench.session.entries import Noted

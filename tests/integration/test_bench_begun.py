@@ -20,6 +20,8 @@ from signed_in import signed_in as signed_in_as
 from test_bench_page import CLICK_S, assert_accessible, assert_fits, badge
 from test_tools_page import serve
 
+FURTHER = pytest.mark.further
+
 TOKEN = "a token of the bench's page"
 BEGUN_MS = 60_000
 
@@ -180,6 +182,7 @@ async def test_only_who_has_the_token_begins_and_a_mistake_is_one_line(folder: P
                 await asyncio.sleep(0.2)
 
 
+@FURTHER
 @pytest.mark.timeout(600)
 @pytest.mark.usefixtures("ended_afterwards")
 async def test_with_people_the_role_decides_and_the_name_is_theirs(folder: Path, tmp_path: Path) -> None:

@@ -19,6 +19,8 @@ from highside.service.demo import factory_record
 from highside.service.in_force import calibration_for
 from highside.service.known_time import FILE, Present
 
+FURTHER = pytest.mark.further
+
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(180)]
 
 
@@ -99,6 +101,7 @@ def test_a_good_one_stays_good_when_the_clock_is_set_while_it_runs(tmp_path, par
         assert daemon.terminate(15) == 0
 
 
+@FURTHER
 def test_one_that_expires_while_it_runs_is_kept_and_flagged(tmp_path, parts):
     path, tool, subscriber = parts
     record = made(tmp_path, made_days_ago=1, expires_in_s=25.0)

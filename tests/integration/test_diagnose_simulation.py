@@ -231,6 +231,7 @@ def test_further_effects_of_the_chain_are_named_on_channels(
     assert fitted["value"] == pytest.approx(size, abs=4 * fitted["std"])
 
 
+@FURTHER
 def test_a_product_that_no_effect_makes_is_given_no_name_of_the_library(
     tmp_path: Path, broad: tuple[Columns, Columns]
 ) -> None:

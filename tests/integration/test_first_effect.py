@@ -14,6 +14,8 @@ from typing import Any
 
 import pytest
 
+FURTHER = pytest.mark.further
+
 pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -45,6 +47,7 @@ def answer(report: Path) -> dict[str, Any]:
     return found
 
 
+@FURTHER
 def test_a_newcomer_sees_a_changed_effect_in_a_report_within_ten_minutes(tmp_path: Path) -> None:
     """Everything as the page says, but for the network: the packages are those of this environment."""
     began = time.monotonic()

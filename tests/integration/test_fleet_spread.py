@@ -24,6 +24,8 @@ from highside.fleet import spread
 from highside.scratch_arrays import ScratchFile, scratch_shared
 from studies.giant_recording import MODEL, differences, written
 
+FURTHER = pytest.mark.further
+
 BARE = ProcedureParts.without("laws")
 ROWS = 20_000
 """five runs of rows"""
@@ -57,6 +59,7 @@ def diagnosed(recorded: Path, address: str, runs: int, scratch: Path) -> dict[st
     return found.to_dict()
 
 
+@FURTHER
 def test_the_answer_is_that_of_threads(
     recorded: Path, alone: dict[str, Any], running: LocalCluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -19,6 +19,8 @@ import websockets
 from bench_page import BenchProcess, bench_process, handshake_of, page_id, slow_viewer
 from page_pair import make_pair
 
+FURTHER = pytest.mark.further
+
 ESCAPES = "\x1b[2J\x1b[H\x1b]0;owned\x07INJECTED\n    0.0 s  accepted 16/16 poses  forged line"
 MB = 1_000_000
 
@@ -146,6 +148,7 @@ async def test_a_crowd_that_holds_connections_shuts_out_itself_and_not_the_opera
             writer.close()
 
 
+@FURTHER
 async def test_pages_that_are_asked_for_and_never_opened_are_few_and_forgotten(tmp_path: Path) -> None:
     """300 loads by a program: 50 places, then a sentence; the operator has places of his own; all are free again."""
     async with bench_process(tmp_path) as bench:

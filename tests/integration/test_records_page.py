@@ -28,6 +28,8 @@ from highside.physics.gravity import gravity_direction
 from highside.recording.calibration_store import CalibrationStore
 from tests.photograph import a_photograph
 
+FURTHER = pytest.mark.further
+
 SHOTS = os.environ.get("HIGHSIDE_SHOTS")
 NOW = time.time()
 EVIL = '<img src=x onerror="document.title=1">'
@@ -108,6 +110,7 @@ async def in_every_dress(page: Page, name: str) -> None:
     await page.set_viewport_size({"width": 1400, "height": 900})
 
 
+@FURTHER
 async def test_what_is_kept_is_read_in_a_browser_by_the_keyboard(kept: Path) -> None:
     hosts: set[str] = set()
     faults: list[str] = []

@@ -151,7 +151,8 @@ def test_of_each_kind_that_has_further_cases_some_stay(project_root: Path) -> No
         allowed = {"FURTHER = pytest.mark.further"}
         assert [line for line in text.splitlines() if "mark.further" in line] == list(allowed), path
         used = sum(isinstance(node, ast.Name) and node.id == "FURTHER" for node in ast.walk(tree)) - 1
-        tests = [node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef) and node.name.startswith("test_")]
+        functions = [node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)]
+        tests = [node for node in functions if node.name.startswith("test_")]
         gone = [test for test in tests if "FURTHER" in map(ast.unparse, test.decorator_list)]
         assert 2 * len(gone) <= len(tests), path
         used -= len(gone)
