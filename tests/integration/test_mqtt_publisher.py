@@ -134,6 +134,30 @@ async def test_leaving_says_offline_and_keeps_what_is_not_acknowledged(tmp_path:
     again.stop(5.0)
 
 
+async def test_leaving_sends_the_last_of_a_value_that_was_still_under_way(tmp_path: Path) -> None:
+    """The final counts of a service that is asked to end while its health of before is not acknowledged."""
+    outbox = make_outbox(tmp_path / "outbox.sqlite")
+    outbox.start()
+    with Mosquitto(tmp_path / "broker") as mosquitto:
+        watcher = Subscriber(mosquitto.port, PREFIX)
+        async with watcher.running(), Proxy(mosquitto.port) as proxy:
+            publisher = Publisher(MqttSettings(port=proxy.port), outbox, tool_id=TOOL, on_connect_payloads=lambda: [])
+            task = asyncio.create_task(publisher.run())
+            await until(lambda: publisher.connected, 20.0, "the connection")
+            proxy.fall_silent()
+            publisher.retained(f"{PREFIX}/health", b'{"good":0}')
+            await asyncio.sleep(0.1)
+            publisher.retained(f"{PREFIX}/health", b'{"good":200}')
+            leaving = asyncio.create_task(publisher.stop(8.0))
+            await asyncio.sleep(0.2)
+            proxy.speak()
+            await leaving
+            await asyncio.wait_for(task, 1.0)
+            assert await watcher.wait_for(lambda: [w for _, w, _ in watcher.statuses] == ["online", "offline"], 5.0)
+            assert watcher.retained[-1][1:] == ("health", b'{"good":200}')
+    await asyncio.to_thread(outbox.stop, 5.0)
+
+
 @pytest.mark.timing
 async def test_leaving_is_quick_without_a_broker(tmp_path: Path) -> None:
     outbox = make_outbox(tmp_path / "outbox.sqlite")

@@ -441,6 +441,9 @@ class Publisher:
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(max(left_s, 0.0)):
                 await asyncio.gather(*self._pending, self._in_flight.emptied(), return_exceptions=True)
+                # of what was under way when its last value came that is sent now
+                self._send_changed(client)
+                await asyncio.gather(*self._pending, return_exceptions=True)
         gone = instance_word(OFFLINE, self.instance)
         await self._publish(client, self._instance_topic, gone, qos=1, retain=True)
         await self._publish(client, self._status_topic, OFFLINE, qos=1, retain=True)
