@@ -141,7 +141,7 @@ async def test_leaving_sends_the_last_of_a_value_that_was_still_under_way(tmp_pa
     with Mosquitto(tmp_path / "broker") as mosquitto:
         watcher = Subscriber(mosquitto.port, PREFIX)
         async with watcher.running(), Proxy(mosquitto.port) as proxy:
-            publisher = Publisher(MqttSettings(port=proxy.port), outbox, tool_id=TOOL, on_connect_payloads=lambda: [])
+            publisher = Publisher(MqttSettings(port=proxy.port), outbox, tool_id=TOOL, on_connect_payloads=list)
             task = asyncio.create_task(publisher.run())
             await until(lambda: publisher.connected, 20.0, "the connection")
             proxy.fall_silent()
