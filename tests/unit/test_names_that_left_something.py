@@ -12,6 +12,7 @@ from highside.api.simulation import predict
 from highside.config.model import Model
 from highside.diagnosis.core.method import ProcedureParts
 from highside.diagnosis.core.policy import MEMORY
+from highside.diagnosis.core.problem import ReportData
 from highside.physics.forward import ForwardModel
 from highside.physics.state import ChainState
 from studies.open_world import judging
@@ -81,10 +82,14 @@ def test_what_follows_the_settings_is_not_noise_with_a_memory_far_above_the_floo
     # 71 poses, four laws of 6 mg in sum: neighbouring poses differ by 20 deg of toolface and misfit alike
     case = every_case("8d0136d146393ae05a8810eedbb5df439b5af3fc", ("law",))["law/280"]()
     write(case, tmp_path)
-    found = diagnose(tmp_path / "a.csv", tmp_path / "model.toml", method=ProcedureParts.without("laws")).found
+    made = diagnose(tmp_path / "a.csv", tmp_path / "model.toml", method=ProcedureParts.without("laws"))
+    found, report = made.found, made.report_data
     assert max(found.noise["memory_evidence"]) > MEMORY.found
     assert found.verdict == "unknown"
     assert found.fit is not None and found.fit.noise_floor == pytest.approx(53e-6, abs=2e-6)
+    # the page draws what is left in units of the floor too
+    assert isinstance(report, ReportData)
+    assert max(report.sigma) < 60e-6
     assert any("more than they repeat" in hint for hint in found.remainder.hints)
 
 

@@ -72,7 +72,7 @@ def diagnose_poses(
     found, report = diagnose(problem, version)
     if method.laws:
         found, report = with_laws(ChainSession.of_poses(session, free), problem.model, found, report)
-    found = beside_floor(found, problem.floor_excess([]), problem.readings)
+    found, report = beside_floor(session, found, report, problem.floor_excess([]), problem.readings)
     return with_remembering_rows(session, problem.base, found, report) if method.colour else (found, report)
 
 

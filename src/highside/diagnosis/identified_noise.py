@@ -45,7 +45,9 @@ def with_identified_noise(diagnosis: DiagnosisResult, found: Found) -> Diagnosis
     return _of_one_axis(diagnosis, found) if diagnosis.verdict == "wander" else diagnosis
 
 
-def beside_floor(diagnosis: DiagnosisResult, found: Excess | None, readings: str) -> DiagnosisResult:
+def beside_floor(
+    session: PoseSession, diagnosis: DiagnosisResult, report: ReportData, found: Excess | None, readings: str
+) -> tuple[DiagnosisResult, ReportData]:
     """The diagnosis of poses by what the base leaves beside the floor of their means, `found`.
 
     More than noise that is correlated from pose to pose leaves is no "nothing": what follows the settings is correlated
@@ -53,13 +55,16 @@ def beside_floor(diagnosis: DiagnosisResult, found: Excess | None, readings: str
     stands beside the floor.
     """
     if found is None or any(hint.startswith(TAKEN_FOR) for hint in diagnosis.remainder.hints):
-        return diagnosis
+        return diagnosis, report
     if diagnosis.verdict == "nothing_left_out" and found.above(LAW_VERDICT.far_above):
         diagnosis = with_excess(diagnosis, found, readings, LAW_VERDICT.far_above)
-    fit = diagnosis.fit
+    fit, floor = diagnosis.fit, session.floor
     if diagnosis.verdict != "unknown" or fit is None or fit.noise_floor is None or not found.above(FLOOR.ratio):
-        return diagnosis
-    return replace(diagnosis, fit=replace(fit, noise_floor=min(fit.noise_floor, found.floor)))
+        return diagnosis, report
+    if floor is not None:
+        own = np.sqrt(np.mean(floor.sigma**2, axis=1)).tolist()
+        report = replace(report, sigma=tuple(map(min, own, report.sigma)))
+    return replace(diagnosis, fit=replace(fit, noise_floor=min(fit.noise_floor, found.floor))), report
 
 
 def with_remembering_rows(
