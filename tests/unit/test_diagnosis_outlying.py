@@ -69,6 +69,22 @@ def test_three_bad_poses_are_named_and_four_of_72_are_no_exception_any_more() ->
     assert not outlying(diagnose(four, MODEL, method=NAMES_ALONE))
 
 
+@pytest.mark.parametrize("poses", [(70, 71), pytest.param((30, 31), marks=FURTHER)])
+def test_poses_that_follow_one_another_are_no_faults_that_are_left_out(poses: tuple[int, ...]) -> None:
+    """A scale factor that grows with the temperature was "nothing" with the two hottest poses of 50 left out."""
+    made = diagnose(session(3, dict.fromkeys(poses, 8e-3)), MODEL)
+    assert not outlying(made)
+    assert made.verdict != "nothing_left_out"
+
+
+def test_nor_are_the_two_at_one_end_of_a_covariate() -> None:
+    columns = session(3, {5: 8e-3, 40: 8e-3})
+    assert len(outlying(diagnose(columns, MODEL, method=NAMES_ALONE))) == 2
+    hot = columns["temp_c"].copy()
+    hot[[5, 40]] += 20.0
+    assert not outlying(diagnose(columns | {"temp_c": hot}, MODEL, method=NAMES_ALONE))
+
+
 @pytest.mark.parametrize("law_g", [3e-3, pytest.param(3e-2, marks=FURTHER)])
 def test_a_narrow_law_is_no_outlying_pose(law_g: float) -> None:
     made = diagnose(session(4, {}, law_g), MODEL)

@@ -6,7 +6,8 @@ law. A reading is judged by what the others predict for it: with the base effect
 absolute residuals), r' (I - H)^-1 r is the square of its deletion residual, chi-square with C degrees of freedom (Cook
 and Weisberg, Residuals and Influence in Regression, 1982, section 2.2). Readings are taken out one by one, the largest
 first; those taken out are outlying if they are few and far off, and the largest of the rest is quiet and far below
-them. Physics that acts in many leaves no such rest.
+them. Physics that acts in many leaves no such rest. Nor are those left out that stand together, one after the other or
+at one end of a covariate: what begins late, or grows with the temperature, acts in such.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from highside.arrays import Array
 from highside.diagnosis.core.finding_policy import OUTLYING
@@ -24,13 +26,15 @@ CHECK = "outlying_pose"
 
 
 def outlying_findings(
-    residual: Array, columns: Array, channels: Sequence[str], place: Callable[[int], str]
+    residual: Array, columns: Array, channels: Sequence[str], place: Callable[[int], str], covariates: Sequence[Array]
 ) -> tuple[list[int], tuple[Finding, ...]]:
-    """The outlying of n readings, and a finding for each; residual (C, n) in g beside the columns (k, C, n) of the base
-    effects. `place` says where a reading was taken."""
+    """The outlying of n readings in the order of time, and a finding for each; residual (C, n) in g beside the columns
+    (k, C, n) of the base effects, and `covariates` (n,) each. `place` says where a reading was taken."""
     if residual.shape[1] < OUTLYING.least:
         return [], ()
     out, sizes = outlying_readings(residual, columns)
+    if _stand_together(out, covariates):
+        return [], ()
     findings = []
     for number, size, off in zip(out, sizes, _predicted(residual, columns, out) if out else (), strict=True):
         worst = int(np.argmax(np.abs(off)))
@@ -44,6 +48,18 @@ def outlying_findings(
             )
         )
     return out, tuple(findings)
+
+
+def _stand_together(out: Sequence[int], covariates: Sequence[Array]) -> bool:
+    """Whether two readings follow one another in time, or are the two at one end of a covariate that varies."""
+    if np.any(np.diff(sorted(out)) == 1):
+        return True
+    ends = [set(end) for values in covariates if np.ptp(values) > 0 for end in _ends(np.argsort(values, kind="stable"))]
+    return any(end <= set(out) for end in ends)
+
+
+def _ends(order: NDArray[np.intp]) -> tuple[list[int], list[int]]:
+    return order[:2].tolist(), order[-2:].tolist()
 
 
 def outlying_readings(residual: Array, columns: Array) -> tuple[list[int], list[float]]:

@@ -35,7 +35,8 @@ def without_outlying_readings(
     def place(reading: int) -> str:
         return f"reading {reading + 1} of {session.n}, at {session.t_s[reading] - session.began_s:.6g} s"
 
-    out, findings = outlying_findings(residual, columns, ("g_total",), place)
+    covariates = (session.temp_c, session.vibration_rms_g)
+    out, findings = outlying_findings(residual, columns, ("g_total",), place, covariates)
     return (_select(session, np.setdiff1d(np.arange(session.n), out)), findings) if out else (session, ())
 
 

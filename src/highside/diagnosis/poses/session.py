@@ -98,7 +98,9 @@ def without_outlying_poses(
         inc, tf = np.degrees(session.state.inc_rad[pose]), np.degrees(session.state.tf_rad[pose]) % 360.0
         return f"pose {pose + 1} of {session.n}, at inclination {inc:.4g} and toolface {tf:.4g} deg"
 
-    out, findings = outlying_findings(residual, columns, ("ax", "ay", "az"), place)
+    state = session.state
+    covariates = (state.temp_c, state.vibration_rms_g, *state.extra.values())
+    out, findings = outlying_findings(residual, columns, ("ax", "ay", "az"), place, covariates)
     return (session.select(np.setdiff1d(np.arange(session.n), out)), findings) if out else (session, ())
 
 
