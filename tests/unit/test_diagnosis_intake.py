@@ -173,6 +173,23 @@ def test_a_tool_that_turns_slowly_for_a_while_on_a_coarse_converter_repeats_no_f
     assert [f.check for f in found] == (["duplicated_frames"] if copies else [])
 
 
+@pytest.mark.parametrize("copies", [0, 240])
+def test_poses_that_drift_by_a_part_of_a_step_of_a_coarse_converter_repeat_no_frames(copies: int) -> None:
+    """A bench that leans with the temperature by 4 deg moves readings of 12 bits by a third of a step from row to row:
+    neighbours are equal more often than rows two apart, and it was bad data."""
+    rng = np.random.default_rng(5)
+    poses, rows = 60, 9
+    pose = np.repeat(np.arange(poses), rows)
+    within = np.tile(np.arange(rows), poses)
+    start = gravity_direction(rng.uniform(0.3, 2.8, poses), rng.uniform(0, 6.28, poses))[:, pose]
+    accel = start + rng.uniform(-4e-4, 4e-4, (3, poses))[:, pose] * within + 1e-4 * rng.standard_normal(pose.size)
+    accel = np.round(accel / 6e-4) * 6e-4
+    again = rng.choice(np.flatnonzero(within > 0), copies, replace=False)
+    accel[:, again] = accel[:, again - 1]
+    found = duplicates({"t_s": 5.0 * np.arange(pose.size), "pose": pose * 1.0}, np.zeros(pose.size, dtype=bool), accel)
+    assert [f.check for f in found] == (["duplicated_frames"] if copies else [])
+
+
 def test_the_binomial_tail_is_exact() -> None:
     assert chance(0, 10, 0.1) == 1.0
     assert chance(1, 2, 0.5) == pytest.approx(0.75)

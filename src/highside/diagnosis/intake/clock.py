@@ -169,21 +169,48 @@ def duplicates(columns: Mapping[str, Array], held: NDArray[np.bool_], accel: Arr
         twice = int(np.sum(np.diff(columns["seq"]) == 0))
         p = chance(twice, n, CLOCK.stray)
     else:
-        same = np.all(np.diff(accel, axis=1) == 0, axis=0)
-        apart = np.append(np.all(accel[:, 2:] == accel[:, :-2], axis=0), False)
-        stays = _within_a_step(accel)
-        moving = stays < CLOCK.moving
-        if moving.mean() < CLOCK.half:
-            # at rest a coarse converter repeats what it says, as often two rows apart
-            moving = np.ones(n - 1, dtype=bool)
-            stays = np.zeros(n - 1)
-        usual = max(float(apart[moving].mean()) * CLOCK.twice, float(stays[moving].mean()), CLOCK.stray)
-        twice = int(same[moving].sum())
-        p = chance(twice, int(moving.sum()), usual)
+        pose = columns.get("pose")
+        twice, of, usual = _equal(accel) if pose is None else _equal_in_poses(accel, pose)
+        p = chance(twice, of, max(usual, CLOCK.stray))
     if twice and p < CLOCK.sure:
         words = f"{twice} frames are there twice: remove the copies"
         return [Finding("duplicated_frames", ("ax", "ay", "az"), p, words)]
     return []
+
+
+def _equal(accel: Array) -> tuple[int, int, float]:
+    """How many neighbours of (3, n) are equal in all channels, of how many, and how large a share of them may be."""
+    same = np.all(np.diff(accel, axis=1) == 0, axis=0)
+    apart = np.append(np.all(accel[:, 2:] == accel[:, :-2], axis=0), False)
+    stays = _within_a_step(accel)
+    moving = stays < CLOCK.moving
+    if moving.mean() < CLOCK.half:
+        # at rest a coarse converter repeats what it says, as often two rows apart
+        moving = np.ones(same.size, dtype=bool)
+        stays = np.zeros(same.size)
+    usual = max(float(apart[moving].mean()) * CLOCK.twice, float(stays[moving].mean()))
+    return int(same[moving].sum()), int(moving.sum()), usual
+
+
+def _equal_in_poses(accel: Array, pose: Array) -> tuple[int, int, float]:
+    """The same within the poses (n,) of a stepped session.
+
+    There a coarse converter repeats what it says as often two rows apart; while a pose drifts, by what it drifts from
+    row to row more often. Poses of two rows say nothing of that.
+    """
+    inside = np.diff(pose) == 0
+    both = inside[1:] & inside[:-1]
+    if both.sum() < CLOCK.look:
+        return 0, 1, 1.0
+    same = np.all(np.diff(accel, axis=1) == 0, axis=0)[inside]
+    apart = float(np.all(accel[:, 2:] == accel[:, :-2], axis=0)[both].mean())
+    stays = np.ones(inside.size)
+    for row in accel:
+        step = lattice_step(row)
+        drift = _drift_of_poses(row, pose)
+        stays *= np.maximum(1.0 - np.abs(drift) / step, 0.0) if step > 0.0 else drift == 0.0
+    drifts = float(np.minimum(stays, apart + 1.0 - stays)[inside].mean())
+    return int(same.sum()), same.size, max(apart * CLOCK.twice, drifts)
 
 
 def _within_a_step(accel: Array) -> Array:
@@ -201,3 +228,18 @@ def _within_a_step(accel: Array) -> Array:
         slope = np.convolve(np.diff(row), np.full(width, 1.0 / width), mode="same")
         alike *= np.maximum(1.0 - np.abs(slope) / step, 0.0)
     return alike
+
+
+def _drift_of_poses(row: Array, pose: Array) -> Array:
+    """(n - 1,) by how much a channel (n,) drifts from row to row of its pose; none where that is its noise."""
+    poses = [own for own in np.split(np.arange(row.size), np.flatnonzero(np.diff(pose) != 0) + 1) if own.size > 2]
+    slope = np.zeros(row.size - 1)
+    if not poses:
+        return slope
+    noise = float(np.mean(np.concatenate([np.diff(row[own], n=2) for own in poses]) ** 2)) / (1 + 4 + 1)
+    for own in poses:
+        about = np.arange(own.size) - 0.5 * (own.size - 1)
+        power = float(about @ about)
+        each = float(about @ row[own]) / power
+        slope[own[:-1]] = each if each**2 * power > CLOCK.drifts**2 * noise else 0.0
+    return slope
