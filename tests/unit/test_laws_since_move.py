@@ -118,3 +118,29 @@ def test_what_moves_within_poses_by_many_noises_is_a_law_of_the_time_since_a_mov
     assert made is not None
     laws, _ = made
     assert laws and all("time_since_move" in one.claim.depends_on for one in laws)
+
+
+def test_what_a_temperature_does_that_runs_on_while_poses_are_held_is_no_law_of_the_time_since_a_move() -> None:
+    # a scale factor over temperature, 320 times the noise of a row: told as a cross-coupling that follows temperature
+    # and time since the last move, it predicted another session worse than nothing
+    case = every_case("925c2d2d27532b4dde268f156b02263ff139bce2", ("law",))["law/022"]()
+    made = diagnose({name: np.asarray(column) for name, column in case.recording.items()}, MODEL)
+    assert [(claim.place, claim.depends_on) for claim in made.claims] == [("scale", ("temp",))]
+    assert not any(finding.check == "within_pose" for finding in made.intake)
+
+
+@pytest.mark.parametrize("lost", [False, True])
+def test_a_course_of_few_rows_is_not_taken_for_their_noise(lost: bool) -> None:
+    """Seven rows 5 s apart: from one to the next the course changes as much as over the pose. Where rows are lost, a
+    pose that lost its first says not when it began."""
+    rng = np.random.default_rng(8)
+    pose, since = np.repeat(np.arange(POSES), 7), np.tile(np.arange(7) * 5.0, POSES)
+    inc, tf = rng.uniform(10, 170, POSES)[pose], rng.uniform(0, 360, POSES)[pose]
+    read = load_of(inc, tf) + rng.normal(0, 2e-3, (3, 1)) + rng.normal(0, ROW_G, (3, pose.size))
+    read += rng.normal(0, 4e-4, (3, POSES))[:, pose]
+    read[1] += 2e-3 * np.sin(since / 4.0)
+    columns = {f"a{axis}_g": read[k] for k, axis in enumerate("xyz")}
+    columns |= {"t_s": 60.0 * pose + since, "pose": pose * 1.0, "inc_ref_deg": inc, "tf_ref_deg": tf}
+    kept = rng.random(pose.size) > (0.1 if lost else 0.0)
+    made = diagnose({name: values[kept] for name, values in columns.items()}, MODEL)
+    assert ("offset", ("time_since_move",)) in [(claim.place, claim.depends_on) for claim in made.claims]

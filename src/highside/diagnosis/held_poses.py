@@ -1,7 +1,8 @@
 """What rows do while a pose is held, before the poses are diagnosed by their means.
 
 Laws of the time since the last move are found in the rows, and what they do is taken out of these; the means of what
-remains are diagnosed as ever, and the laws stand beside what is found there.
+remains are diagnosed as ever, and the laws stand beside what is found there. Where a temperature, or another quantity
+that is recorded, runs on while a pose is held, what the means follow may be all that the rows do: that is asked first.
 """
 
 from __future__ import annotations
@@ -14,18 +15,22 @@ from numpy.typing import NDArray
 
 from highside.arrays import Array
 from highside.diagnosis.core.problem import ReportData
-from highside.diagnosis.core.result import DiagnosisResult, Fit, Verdict
+from highside.diagnosis.core.result import DiagnosisResult, Fit, Remainder, Verdict
 from highside.diagnosis.law_answers import beside_laws, with_shares
 from highside.diagnosis.laws.claims import ReportedLaw, heldout_of
 from highside.diagnosis.laws.course import HeldRows
 from highside.diagnosis.laws.found import Found
 from highside.diagnosis.laws.since_move import laws_since_move, without_laws
 from highside.diagnosis.poses.session import PoseSession, rows_of_poses
+from highside.physics import effects as library
 from highside.physics.forward import ForwardModel
-from highside.physics.state import ChainState
+from highside.physics.law import Law
+from highside.physics.state import KNOWN_COLUMNS, ChainState
 
 Ints = NDArray[np.intp]
-UNTOUCHED = frozenset({"bad_data", "not_testable"})
+UNTOUCHED = frozenset({"bad_data"})
+OPEN = frozenset({"unknown", "not_testable"})
+"""verdicts of the means that say what is not known of them, which the laws of the rows do not answer"""
 
 
 @dataclass(frozen=True)
@@ -44,23 +49,52 @@ def without_since_move(
     accel: Array,
     model: ForwardModel,
     again: Callable[[Array], PoseSession],
+    diagnosed: Callable[[PoseSession], DiagnosisResult],
 ) -> tuple[PoseSession, SinceMove | None]:
     """The session of readings `accel` (3, N) without what follows the time since the last move; `again` makes one of
-    other readings. The poses must be given by a column: else nothing says when a move ended."""
+    other readings, `diagnosed` what is found in its means. The poses must be given by a column: else nothing says when
+    a move ended."""
     if "pose" not in columns:
         return session, None
     rows = rows_of_poses(columns, accel)
-    held = HeldRows(accel, columns["t_s"], rows)
-    made = laws_since_move(held, session.state, model)
+    made = laws_since_move(HeldRows(accel, columns["t_s"], rows), session.state, model)
     if made is None:
         return session, None
     laws, found = made
     used = np.concatenate(rows)
     state = ChainState.from_columns({name: column[used] for name, column in columns.items()})
+    if _runs_on(columns, rows):
+        still = accel.copy()
+        still[:, used] -= _within_poses(_claimed(diagnosed(session), model, state), rows)
+        if laws_since_move(HeldRows(still, columns["t_s"], rows), session.state, model) is None:
+            return again(still), None
     left = accel.copy()
     left[:, used] = without_laws(accel[:, used], state, model, laws)
     before, after = (_about_means(values, rows) for values in (accel, left))
     return again(left), SinceMove(tuple(laws), found, before, after)
+
+
+def _runs_on(columns: Mapping[str, Array], rows: Sequence[Ints]) -> bool:
+    """Whether a quantity that a law may follow changes while poses are held."""
+    names = [name for name in columns if name == "temp_c" or name not in KNOWN_COLUMNS]
+    return any(np.ptp(columns[name][r]) > 0.0 for name in names for r in rows)
+
+
+def _claimed(diagnosis: DiagnosisResult, model: ForwardModel, state: ChainState) -> Array:
+    """(3, N) g, what the names and laws of a diagnosis add to the readings at N rows."""
+    names = {
+        claim.effect: {name: p.value for name, p in claim.parameters.items()}
+        for claim in diagnosis.claims
+        if claim.law is None and not library.get(claim.effect).random
+    }
+    laws = [Law.from_dict(claim.law) for claim in diagnosis.claims if claim.law is not None]
+    return np.asarray(model.with_effects(names).with_laws(laws).predict(state) - model.predict(state))
+
+
+def _within_poses(values: Array, rows: Sequence[Ints]) -> Array:
+    """Values (3, N) at the rows of all poses in turn, each pose's mean off."""
+    ends = np.cumsum([r.size for r in rows])[:-1]
+    return np.concatenate([v - v.mean(axis=1, keepdims=True) for v in np.split(values, ends, axis=1)], axis=1)
 
 
 def _about_means(accel: Array, rows: Sequence[Ints]) -> float:
@@ -100,6 +134,14 @@ def with_since_move(
         verdict=verdict,
         claims=(*names, *claims),
         fit=diagnosis.fit if diagnosis.claims else own,
-        remainder=diagnosis.remainder if diagnosis.claims else beside_laws(diagnosis.remainder),
+        remainder=_of_means(diagnosis),
     )
     return made, report
+
+
+def _of_means(diagnosis: DiagnosisResult) -> Remainder:
+    """What is still to be said of the means beside the laws of the rows."""
+    if diagnosis.claims:
+        return diagnosis.remainder
+    made = beside_laws(diagnosis.remainder)
+    return replace(made, hints=diagnosis.remainder.hints) if diagnosis.verdict in OPEN else made

@@ -211,14 +211,24 @@ def _poses(request: Request) -> Answer:
     except InputError as error:
         raise _of_recording(request, error) from None
     if request.method.laws:
-        session, since = without_since_move(session, columns, accel, request.forward, poses)
+
+        def of_means(made: PoseSession) -> DiagnosisResult:
+            return _diagnosed_poses(request, made)[0]
+
+        session, since = without_since_move(session, columns, accel, request.forward, poses, of_means)
+    diagnosis, report_data, outlying = _diagnosed_poses(request, session)
+    diagnosis, report_data = with_since_move(diagnosis, report_data, since)
+    every = (*found.findings, *outlying, *diagnosis.intake)
+    return Answer(with_clipping(replace(diagnosis, intake=every), found, request.axes), report_data)
+
+
+def _diagnosed_poses(request: Request, session: PoseSession) -> tuple[DiagnosisResult, ReportData, tuple[Finding, ...]]:
+    """What is found in the means of poses, and which of these were left out."""
     session, outlying = without_outlying_poses(session, request.forward, request.free)
     diagnosis, report_data = diagnose_poses(
         session, request.forward, request.free, seed=request.seed, version=request.version, method=request.method
     )
-    diagnosis, report_data = with_since_move(diagnosis, report_data, since)
-    every = (*found.findings, *outlying, *diagnosis.intake)
-    return Answer(with_clipping(replace(diagnosis, intake=every), found, request.axes), report_data)
+    return diagnosis, report_data, outlying
 
 
 def rotates(columns: Columns) -> bool:

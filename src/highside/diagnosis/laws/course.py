@@ -79,8 +79,7 @@ class Sums:
         """Of the functions of an axis."""
         gram, moments = [], []
         for pose, rows in enumerate(held.rows):
-            functions = axis.basis(held.since(pose))
-            functions = functions - functions.mean(axis=1, keepdims=True)
+            functions = _less_mean(axis.basis(held.since(pose)))
             gram.append(functions @ functions.T)
             moments.append(held.accel[:, rows] @ functions.T)
         return cls(np.stack(gram), np.stack(moments, axis=1))
@@ -119,6 +118,33 @@ def course_beyond(held: HeldRows, sigma: Array, simple: Array, other: Course | N
     weights, amplitudes = _learnt(sums, sigma, simple)
     precision = np.einsum("cn,nkj->kj", (amplitudes / sigma[:, None]) ** 2, sums.gram)
     return Course(found, weights, np.linalg.pinv(precision, hermitian=True))
+
+
+def course_in_common(held: HeldRows, simple: Array) -> list[tuple[Array, float]]:
+    """Of each channel what all poses go through alike: (N,) g at the rows, each pose's mean off, with as many bends as
+    a free course may have and amplitudes that are simple functions (3, k, n); and the share of all that is free of the
+    rows which that takes up. Nothing where it would take up more than `LAW_COURSE.share`."""
+    rows = np.concatenate(held.rows)
+    pose = np.repeat(np.arange(len(held.rows)), [r.size for r in held.rows])
+    axis = _smooth(held.longest_s, min(LAW_COURSE.most, max(r.size for r in held.rows) - 1))
+    functions = np.concatenate([_less_mean(axis.basis(held.since(k))) for k in range(len(held.rows))], axis=1)
+    readings = np.concatenate([_less_mean(held.accel[:, r]) for r in held.rows], axis=1)
+    found = []
+    for own, reading in zip(simple, readings, strict=True):
+        columns = (functions[:, None] * own[None, :, pose]).reshape(-1, rows.size)
+        basis, size, _ = np.linalg.svd(columns.T, full_matrices=False)
+        basis = basis[:, size > LAW_COURSE.rank * size[0]]
+        share = basis.shape[1] / (rows.size - len(held.rows))
+        fitted = np.zeros(held.accel.shape[1])
+        if share <= LAW_COURSE.share:
+            fitted[rows] = basis @ (basis.T @ reading)
+        found.append((fitted, share if share <= LAW_COURSE.share else 0.0))
+    return found
+
+
+def _less_mean(values: Array) -> Array:
+    """(k, L) less the mean of each over L."""
+    return np.asarray(values - values.mean(axis=1, keepdims=True))
 
 
 def _smooth(longest_s: float, count: int) -> Axis:

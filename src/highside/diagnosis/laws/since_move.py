@@ -22,7 +22,17 @@ import numpy as np
 from highside.arrays import Array
 from highside.diagnosis.laws.chain import CHANNELS, OF_POSES, covariate_values, place_fields
 from highside.diagnosis.laws.claims import ReportedLaw, curve_of, reported_laws
-from highside.diagnosis.laws.course import SINCE, Course, HeldRows, Sums, course_beyond, decay_course, of_unit_size
+from highside.diagnosis.laws.course import (
+    SINCE,
+    Course,
+    HeldRows,
+    Ints,
+    Sums,
+    course_beyond,
+    course_in_common,
+    decay_course,
+    of_unit_size,
+)
 from highside.diagnosis.laws.found import Found
 from highside.diagnosis.laws.groups import Bases, LawGroup, axis_of, each_place, varying
 from highside.diagnosis.laws.policy import LAW_GROUPS, LAW_SEARCH
@@ -39,14 +49,14 @@ def laws_since_move(held: HeldRows, state: ChainState, model: ForwardModel) -> t
 
     `state` has one row for each pose.
     """
-    long = np.array([k for k, r in enumerate(held.rows) if r.size >= LAW_SINCE_MOVE.rows], dtype=np.intp)
+    long = _whole(held)
     if long.size < LAW_SINCE_MOVE.poses:
         return None
     held, state = replace(held, rows=[held.rows[k] for k in long]), state.rows(long)
     load = np.asarray(model.chain(state).force, dtype=float)
     covariates = covariate_values(state, load)
     simple = _simple(load, covariates.get("previous_load", load))
-    sigma = _row_noise(held)
+    sigma = _row_noise(held, simple)
     tau = _time_constant(held, sigma, simple)
     course = None if tau is None else decay_course(tau, held.longest_s)
     course = course_beyond(held, sigma, simple, course) or course
@@ -72,6 +82,18 @@ def laws_since_move(held: HeldRows, state: ChainState, model: ForwardModel) -> t
     return [_with_course(one, found, course) for one in reported_laws(found, model.ids)], found
 
 
+def _whole(held: HeldRows) -> Ints:
+    """The poses of enough rows; where most are held equally long, those that are: of a shorter one the first rows may
+    be lost, and with them when it began."""
+    long = np.array([k for k, r in enumerate(held.rows) if r.size >= LAW_SINCE_MOVE.rows], dtype=np.intp)
+    if not long.size:
+        return long
+    spans = np.array([held.since(k)[-1] for k in long])
+    step = float(np.median(np.concatenate([np.diff(held.since(k)) for k in long])))
+    whole = long[spans > spans.max() - 0.5 * step]
+    return whole if whole.size > LAW_SINCE_MOVE.equally_long * len(held.rows) else long
+
+
 def _simple(load: Array, previous: Array) -> Array:
     """(3, k, n) what an amplitude may follow, roughly: nothing, the loads, the move to the pose along the own axis."""
     moved = load - (previous if previous.ndim == 2 else np.broadcast_to(previous, load.shape))
@@ -79,15 +101,18 @@ def _simple(load: Array, previous: Array) -> Array:
     return np.stack([np.stack([ones, *load, np.abs(load[k]), moved[k]]) for k in range(len(load))])
 
 
-def _row_noise(held: HeldRows) -> Array:
+def _row_noise(held: HeldRows, simple: Array) -> Array:
     """(3,) standard deviation of a row as it counts in a slow function of time: from differences of neighbouring rows,
-    with what their correlation adds."""
+    with what their correlation adds. What every pose goes through alike, at sizes that simple functions (3, k, n) give,
+    is taken off before: of a few rows that are far apart it is no smaller from one to the next than over the pose."""
+    alike = course_in_common(held, simple)
     found = []
-    for channel in held.accel:
+    for readings, (fitted, share) in zip(held.accel, alike, strict=True):
+        channel = readings - fitted
         steps = [channel[r] for r in held.rows]
         one = np.mean(np.concatenate([np.diff(s, n=2) for s in steps]) ** 2) / (1 + 4 + 1)
         two = np.mean(np.concatenate([s[4:] - 2 * s[2:-2] + s[:-4] for s in steps]) ** 2) / (1 + 4 + 1)
-        found.append(np.sqrt(max(one, two)))
+        found.append(np.sqrt(max(one, two) / (1.0 - share)))
     return np.asarray(np.maximum(np.array(found), LAW_SINCE_MOVE.least * float(np.abs(held.accel).max())))
 
 

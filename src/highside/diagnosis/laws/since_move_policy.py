@@ -14,6 +14,9 @@ class LawSinceMovePolicy:
     rows: int = 5
     """Rows of each pose from which they are sought. Source: a mean, a line, a decay and one to spare, and two steps of
     second differences at a distance of two rows."""
+    equally_long: float = 0.5
+    """Share of the poses that are held equally long, from which the shorter ones have lost rows. Source: of poses that
+    lose up to 30 % of their rows half keep the first and the last."""
     tried: int = 16
     """Time constants tried, and as many again about the best. Source: chosen; neighbours differ by less than a third
     in poses of up to fifty rows."""
@@ -37,6 +40,9 @@ class LawCoursePolicy:
     folds: int = 4
     """Sets of poses that are left out in turn. Source: chosen; three quarters of twelve poses still tell an amplitude
     that follows the load."""
+    share: float = 0.5
+    """Share of what is free of the rows that a course of all poses may take up when the noise of a row is estimated
+    beside it. Source: chosen; the standard deviation is then known from half as many."""
     turns: int = 12
     """Times weights and amplitudes are learnt in turn. Source: chosen; the product of two of which one is nearly known
     has settled to a thousandth after five."""
