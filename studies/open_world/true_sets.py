@@ -2,13 +2,14 @@
 
     python -m studies.open_world.true_sets --seed HASH --answers FILE [--design rotation] [--only NAMES] [--minutes M]
 
-Of each case of laws of strength 400 and more in FILE (of `studies.open_world.score` on the same deck) that is not in
-the class told, the session is diagnosed again. Where its last search ends, the groups of the true places and
-covariates, on whatever channels, are put in the place of what was found: one for each true law, more while one gains 12
-nats; sized and with the noise learned in turn, from the noise of the search and from the floor. Told is the worth of
-both (log evidence, 6 nats less for each law): a true set of less worth cannot be told by a search that judges by
-evidence; one of more was missed by its steps; one of the same was found and not told, for its laws predict no values
-that were held out. A true law that has no group (a product that was not tried) is told; onsets are not among these.
+Of each case of laws, or of a sweep of one, of strength 400 and more in FILE (of `studies.open_world.score` on the same
+deck) that is not in the class told, the session is diagnosed again. Where its last search ends, the groups of the true
+places and covariates, on whatever channels, are put in the place of what was found: one for each true law, more while
+one gains 12 nats; sized and with the noise learned in turn, from the noise of the search and from the floor. Told is
+the worth of both (log evidence, 6 nats less for each law): a true set of less worth cannot be told by a search that
+judges by evidence; one of more was missed by its steps; one of the same was found and not told, for its laws predict no
+values that were held out. A true law that has no group (a product that was not tried) is told; onsets are not among
+these.
 """
 
 from __future__ import annotations
@@ -97,7 +98,7 @@ def _best(scored: tuple[np.ndarray, list[Any]], groups: Sequence[LawGroup]) -> t
 
 def compared(seed: str, name: str) -> tuple[Row, Compared | None]:
     """What is told of a case now, and what its last search found beside what was hidden."""
-    case = score.every_case(seed, ("law",))[name]()
+    case = score.every_case(seed, (name.split("/")[0],))[name]()
     last: list[Compared] = []
     found_of = Search._found
 
@@ -126,7 +127,7 @@ def main() -> None:
     missed = [
         row["name"]
         for row in rows
-        if row["group"] == "law"
+        if row["group"] in ("law", "sweep")
         and row["name"].startswith(tuple(given.only.split(",")))
         and deck.kind_of(row["name"]) == given.design
         and row["truth"]["strength"] >= LEAST

@@ -20,6 +20,7 @@ from highside.diagnosis.laws.found import Found
 from highside.diagnosis.laws.groups import LawGroup, values_of
 from highside.diagnosis.laws.nested import joined, nested
 from highside.diagnosis.laws.policy import LAW_REPORT
+from highside.diagnosis.laws.products import ProductGroup, coefficients_of
 from highside.diagnosis.laws.readings import readings_of
 from highside.diagnosis.laws.separable import as_product
 from highside.diagnosis.laws.to_vary import to_vary
@@ -57,9 +58,9 @@ def reported_laws(found: Found, taken: Iterable[str] = ()) -> list[ReportedLaw]:
     numbers = [k for k, term in enumerate(terms) if not term.group.effect]
     formulas = {k: closed_form(found, white, terms, k) or as_product(found, white, terms, k) for k in numbers}
     sure = {k: closed for k, closed in formulas.items() if closed is not None and closed.law is not None}
-    parts = nested(terms, shares, sure)
+    parts = nested(terms, shares, {k for k, closed in sure.items() if closed.text})
     inside = {j for own in parts.values() for j in own}
-    sure = {k: one for k, one in sure.items() if k not in inside}
+    sure = {k: one for k, one in sure.items() if k not in inside and k not in parts}
     told, curves = told_together(white, terms, sure)
     made = [_as_one(found, curves, covariance, [k, *own], ids) for k, own in parts.items()]
     for k in numbers:
@@ -88,7 +89,13 @@ def _as_one(
     white, terms, k = found.whitened(), list(found.terms), numbers[0]
     laws = [_law(terms[i].group, curves[i], np.zeros((0, 0))) for i in numbers]
     rows = np.concatenate([np.arange(covariance.shape[0])[slice_of(found, terms, i)] for i in numbers])
-    law = joined(laws, covariance[np.ix_(rows, rows)])
+    # of a product the coefficients of the surface that it is
+    turns = [coefficients_of(terms[i].group) for i in numbers]
+    turn = np.zeros((sum(len(own) for own in turns), rows.size))
+    for i, own in enumerate(turns):
+        at = sum(len(one) for one in turns[:i]), sum(one.shape[1] for one in turns[:i])
+        turn[at[0] : at[0] + own.shape[0], at[1] : at[1] + own.shape[1]] = own
+    law = joined(laws, turn @ covariance[np.ix_(rows, rows)] @ turn.T)
     law = replace(law, slug=slug_beside(law.slug, ids))
     ids.add(law.id)
     effect = np.asarray(sum(np.tensordot(curves[i], raw_columns(found.problem, [terms[i]]), 1) for i in numbers))
@@ -125,13 +132,14 @@ def slice_of(found: Found, terms: list[LawTerm], k: int) -> slice:
 
 
 def _law(group: LawGroup, mean: Array, covariance: Array) -> Law:
-    count = group.order.size
-    rows = mean.reshape(-1, count)
+    turn = coefficients_of(group)
+    rows = (turn @ mean).reshape(len(group.units), -1)
+    covariance = turn @ covariance @ turn.T if covariance.size else covariance
     return Law(
         group.label,
         group.place,
         tuple(u.channel for u in group.units),
-        group.axes,
+        group.surface if isinstance(group, ProductGroup) else group.axes,
         tuple(tuple(float(v) for v in row) for row in rows),
         tuple(tuple(float(v) for v in row) for row in covariance),
     )

@@ -8,10 +8,11 @@ from dataclasses import replace
 import numpy as np
 
 from highside.arrays import Array
+from highside.diagnosis.laws.classes_policy import LAW_CLASS
 from highside.diagnosis.laws.evidence import LawTerm, Whitened
-from highside.diagnosis.laws.groups import LawGroup, confounded, one_quantity, same_angle, values_of
-from highside.diagnosis.laws.policy import LAW_SEARCH
+from highside.diagnosis.laws.groups import LAGGING, LawGroup, confounded, one_quantity, same_angle, values_of
 from highside.diagnosis.laws.problem import LawProblem
+from highside.physics.covariates import lag_of
 from highside.physics.law import Axis, Function
 
 
@@ -26,13 +27,23 @@ def class_of(
     for i in np.argsort(-gains):
         group = groups[int(i)]
         behind = best - float(gains[i])
-        if behind > LAW_SEARCH.same_confounded or len(found) >= LAW_SEARCH.most_class:
+        if behind > LAW_CLASS.same_reproduced or len(set(map(_told_as, found))) >= LAW_CLASS.most_class:
             break
         if any(group.kind == g.kind for g in found):
             continue
-        if behind <= LAW_SEARCH.same or ran_together(problem, own, group) or white.reproduces(does, group):
+        near = behind <= LAW_CLASS.same_confounded
+        if not near and _adds(problem, own, group):
+            continue
+        ran_along = near and ran_together(problem, own, group)
+        if behind <= LAW_CLASS.same or ran_along or white.reproduces(does, group):
             found.append(group)
     return tuple(found)
+
+
+def _told_as(group: LawGroup) -> tuple[str, tuple[str, ...], tuple[str, ...]]:
+    """What a reader takes for one member of a class: temperatures that lag by different times are."""
+    place, channels, names = group.kind
+    return place, channels, tuple(LAGGING[0] if lag_of(name) else name for name in names)
 
 
 def _twins(problem: LawProblem, own: LawGroup) -> list[LawGroup]:
@@ -66,10 +77,21 @@ def _same_quantities(problem: LawProblem, own: LawGroup) -> list[tuple[Axis, ...
             if name in own.depends_on or (every.ndim == 2 and unit.own < 0):
                 continue
             other = values_of(problem, name, unit)
-            if one_quantity(values, other, LAW_SEARCH.one_quantity):
+            if one_quantity(values, other, LAW_CLASS.one_quantity):
                 renamed = replace(axis, covariate=name, low=float(other.min()), high=float(other.max()))
                 made.append((*own.axes[:k], renamed, *own.axes[k + 1 :]))
     return made
+
+
+def _adds(problem: LawProblem, own: LawGroup, other: LawGroup) -> bool:
+    """Whether a group follows all that the law does and something else, which did not run along with any of it: it can
+    do what the law does whatever the readings say."""
+    its = [name for name in other.depends_on if name not in own.depends_on]
+    if own.effect or not its or not set(own.depends_on) <= set(other.depends_on):
+        return False
+    unit = own.units[0]
+    mine = [values_of(problem, name, unit) for name in own.depends_on]
+    return not any(confounded(values_of(problem, name, unit), one, LAW_CLASS.ran_along) for name in its for one in mine)
 
 
 def ran_together(problem: LawProblem, one: LawGroup, other: LawGroup) -> bool:
@@ -82,6 +104,6 @@ def ran_together(problem: LawProblem, one: LawGroup, other: LawGroup) -> bool:
         return False
     first, second = one.units[0], other.units[0]
     return all(
-        confounded(values_of(problem, a, first), values_of(problem, b, second), LAW_SEARCH.function)
+        confounded(values_of(problem, a, first), values_of(problem, b, second), LAW_CLASS.function)
         for a, b in zip(mine, its, strict=True)
     )

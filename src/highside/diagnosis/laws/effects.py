@@ -56,7 +56,7 @@ class EffectGroup(LawGroup):
     shape: Shape | None = None
 
     @classmethod
-    def of(cls, effect: str, columns: Array, floor: Array, *, tries: int = 1) -> EffectGroup:
+    def of(cls, effect: str, columns: Array, floor: Array, *, tries: float = 1) -> EffectGroup:
         """From its columns (k, C, n), each brought to one size in units of the floor; `tries` shapes are tried."""
         size = np.sqrt(np.mean((columns / floor) ** 2, axis=(1, 2), keepdims=True))
         shown = size[:, 0, 0] > 0

@@ -14,9 +14,10 @@ import numpy as np
 
 from highside.arrays import Array
 from highside.diagnosis.core.regression import flattened
+from highside.diagnosis.laws.classes_policy import LAW_CLASS
 from highside.diagnosis.laws.groups import LawGroup
 from highside.diagnosis.laws.noise import Whitener, evidence
-from highside.diagnosis.laws.policy import LAW_EVIDENCE, LAW_SEARCH
+from highside.diagnosis.laws.policy import LAW_EVIDENCE
 from highside.diagnosis.laws.priors import Prior, best_priors, bound_of, shown_of
 from highside.diagnosis.laws.problem import LawProblem
 
@@ -310,10 +311,10 @@ class Whitened:
         flat = flattened(columns)
         own = orthonormal(flat - (flat @ beside.T) @ beside)
         left = target - (target @ own.T) @ own
-        return float(left @ left) < LAW_SEARCH.reproduced
+        return float(left @ left) < LAW_CLASS.reproduced
 
     def scores(
-        self, terms: list[LawTerm], *, least: float = 0.0, within: float = LAW_SEARCH.same_confounded
+        self, terms: list[LawTerm], *, least: float = 0.0, within: float = LAW_CLASS.same_confounded
     ) -> tuple[Array, list[Prior]]:
         """(G,) nats that each group gains beside the terms, at its best prior, and these priors.
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from highside.diagnosis.core.finding_policy import FLOOR
 from highside.diagnosis.core.result import Claim
+from highside.diagnosis.laws.classes_policy import LAW_CLASS
 from highside.diagnosis.laws.effects import EffectGroup
 from highside.diagnosis.laws.evidence import Families, LawTerm, Whitened
 from highside.diagnosis.laws.found import Found
@@ -125,11 +126,11 @@ def _rivals(white: Whitened, terms: list[LawTerm], which: list[int]) -> tuple[li
     laws = [float(gain) for gain, group in zip(gains, white.families.groups, strict=True) if not group.effect]
     for i in np.argsort(-gains):
         group, behind = white.families.groups[int(i)], worth - float(gains[i])
-        if behind > LAW_SEARCH.same_confounded or len(told) >= LAW_SEARCH.most_rivals:
+        if behind > LAW_CLASS.same_confounded or len(told) >= LAW_SEARCH.most_rivals:
             break
         if group.effect or group.kind in told:
             continue
-        if behind <= LAW_SEARCH.same or (len(which) > 1 and white.reproduces(does, group)):
+        if behind <= LAW_CLASS.same or (len(which) > 1 and white.reproduces(does, group)):
             told[group.kind] = f"{PREFIX}{group.label}"
     ahead = worth - max(laws, default=-np.inf)
     # the prior of a strong name costs it a share of what it explains: nothing is decided by that

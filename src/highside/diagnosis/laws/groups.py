@@ -73,7 +73,7 @@ class LawGroup:
     """(m,) order of each function, of which the prior's variance falls"""
     basis: Array
     """(u, m, n) the functions for each unit"""
-    tries: int = 1
+    tries: float = 1
     """how many like it are tried side by side: places of a step, centres of a dent"""
     effect: str = ""
     """id of the library's effect whose columns these are; empty for a law"""
@@ -149,7 +149,7 @@ class Bases:
         shapes += [Function("decay", (float(at), s * (high - low))) for at in (low, *knots) for s in LAW_GROUPS.decays]
         return [Axis("time", low, high, (shape,)) for shape in shapes]
 
-    def group(self, units: tuple[PlaceField, ...], axes: tuple[Axis, ...], order: Array, tries: int = 1) -> LawGroup:
+    def group(self, units: tuple[PlaceField, ...], axes: tuple[Axis, ...], order: Array, tries: float = 1) -> LawGroup:
         """The functions of axes in a place; units that know the same values share them."""
         differs = any(self.problem.covariates[axis.covariate].ndim == 2 for axis in axes)
         key = axes, tuple(unit.own if differs else -1 for unit in units)
@@ -309,7 +309,7 @@ def product_group(
     pair: tuple[str, str],
     known: dict[str, tuple[Array, int]],
     bases: Bases,
-    tries: int,
+    tries: float,
 ) -> LawGroup:
     """A smooth function of two covariates in a place; `known`: values (n,) and number of distinct values of each."""
     made = []
@@ -365,7 +365,7 @@ def _lines(units: tuple[PlaceField, ...], known: dict[str, Array], bases: Bases)
 
 
 def _one_order(
-    units: tuple[PlaceField, ...], order: float, fraction: Array | None, bases: Bases, tries: int
+    units: tuple[PlaceField, ...], order: float, fraction: Array | None, bases: Bases, tries: float
 ) -> LawGroup:
     """A cosine and a sine of one order of toolface: a whole one, or with `fraction` (n,) in deg one over its range."""
     both = tuple(Function(kind, (order,)) for kind in ("cos", "sin"))

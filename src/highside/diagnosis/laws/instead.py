@@ -14,6 +14,7 @@ from itertools import combinations
 import numpy as np
 
 from highside.diagnosis.laws.classes import class_of
+from highside.diagnosis.laws.classes_policy import LAW_CLASS
 from highside.diagnosis.laws.effects import EffectGroup
 from highside.diagnosis.laws.evidence import LawTerm, Whitened
 from highside.diagnosis.laws.found import Found
@@ -60,7 +61,7 @@ def _one_instead(
         tied = [term.group for term, _ in best]
         near += [(gain - laws + LAW_SEARCH.each * (len(which) - 1), others, term, tied) for term, gain in best]
     # the noise learnt again may bring one nearer, but not from far behind
-    near = [one for one in sorted(near, key=lambda one: -one[0]) if one[0] > -LAW_SEARCH.same_confounded]
+    near = [one for one in sorted(near, key=lambda one: -one[0]) if one[0] > -LAW_CLASS.same_confounded]
     made = [(_learnt(found, [*others, term]), tied) for _, others, term, tied in near[: LAW_VERDICT.names]]
     least = _worth(found) - margin
     for one, tied in sorted(made, key=lambda one: -_worth(one[0])):
@@ -123,6 +124,7 @@ def _as_found(found: Found, names: Sequence[LawGroup]) -> Found:
     families = found.families.of([*found.families.groups, *names])
     made, terms = replace(found, noise=noise, evidence=evidence, families=families), list(found.terms)
     white = made.whitened()
-    scores = [white.scores([t for i, t in enumerate(terms) if i != k])[0] for k in range(len(terms))]
+    within = LAW_CLASS.same_reproduced
+    scores = [white.scores([t for i, t in enumerate(terms) if i != k], within=within)[0] for k in range(len(terms))]
     classes = tuple(class_of(made.problem, families.groups, white, terms, k, scores[k]) for k in range(len(terms)))
     return replace(made, classes=classes, gains=tuple(made.gain_of([k]) for k in range(len(terms))))

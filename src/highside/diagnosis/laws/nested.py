@@ -21,7 +21,7 @@ ONE = Function("one")
 
 
 def nested(terms: Sequence[LawTerm], shares: Sequence[float], formulas: Collection[int]) -> dict[int, list[int]]:
-    """Of each product that is no formula (those are) the numbers of the laws that are a part of it; none is of two."""
+    """Of each product that is none of the `formulas` the numbers of the laws that are a part of it; none is of two."""
     parts: dict[int, list[int]] = {}
     taken: set[int] = set()
     for k in sorted(range(len(terms)), key=lambda k: -shares[k]):

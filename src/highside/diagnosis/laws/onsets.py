@@ -14,6 +14,7 @@ import numpy as np
 
 from highside.arrays import Array
 from highside.diagnosis.core.regression import flattened
+from highside.diagnosis.laws.classes_policy import LAW_CLASS
 from highside.diagnosis.laws.evidence import Families, LawTerm, Whitened, inverse_of, prior_of, raw_columns
 from highside.diagnosis.laws.groups import Bases, LawGroup, axis_of, each_place
 from highside.diagnosis.laws.noise import Whitener
@@ -30,7 +31,7 @@ def sets_in(group: LawGroup) -> bool:
     return len(group.axes) > 1 and group.axes[-1].covariate == "time" and group.axes[-1].functions[0].kind == ONSET
 
 
-def from_time(problem: LawProblem, base: LawGroup, at: float, tries: int) -> LawGroup:
+def from_time(problem: LawProblem, base: LawGroup, at: float, tries: float) -> LawGroup:
     """A law from a time on."""
     time = problem.covariates["time"]
     step = Axis("time", float(time.min()), float(time.max()), (Function(ONSET, (at,)),))
@@ -135,7 +136,7 @@ class Onsets:
         found: list[Gained] = []
         best, tried = 0.0, 2 * self.knots.size
         for i, gram, drive, bound in sorted(looked, key=lambda one: -float(one[3].max())):
-            least = max(best - LAW_SEARCH.same_confounded, 0.0) if best >= LAW_SEARCH.gain else LAW_SEARCH.gain
+            least = max(best - LAW_CLASS.same_confounded, 0.0) if best >= LAW_SEARCH.gain else LAW_SEARCH.gain
             near = np.flatnonzero(bound >= least + np.log(tried))
             if not near.size:
                 continue

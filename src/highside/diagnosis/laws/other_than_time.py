@@ -15,10 +15,11 @@ import numpy as np
 from highside.arrays import Array
 from highside.diagnosis.laws.between import is_temperature, lagging
 from highside.diagnosis.laws.classes import ran_together
+from highside.diagnosis.laws.classes_policy import LAW_CLASS
 from highside.diagnosis.laws.evidence import Families, LawTerm, Whitened
 from highside.diagnosis.laws.groups import LawGroup
 from highside.diagnosis.laws.noise import Whitener
-from highside.diagnosis.laws.policy import LAW_GROUPS, LAW_SEARCH
+from highside.diagnosis.laws.policy import LAW_GROUPS
 from highside.diagnosis.laws.problem import LawProblem
 from highside.diagnosis.laws.variants import finer
 
@@ -68,9 +69,9 @@ def _as_good(among: Whitened, terms: list[LawTerm], k: int) -> LawTerm | None:
     does = among.left_of(terms, [k])
     for i in np.argsort(-gains[1:]):
         behind, other = float(gains[0] - gains[1 + i]), tried[int(i)]
-        if behind > LAW_SEARCH.same_confounded:
+        if behind > LAW_CLASS.same_confounded:
             return None
-        near = behind <= LAW_SEARCH.same or ran_together(among.families.problem, own, other)
+        near = behind <= LAW_CLASS.same or ran_together(among.families.problem, own, other)
         if near or among.reproduces(does, other):
             return LawTerm(other, priors[1 + int(i)])
     return None

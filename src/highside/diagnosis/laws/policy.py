@@ -200,24 +200,8 @@ class LawSearchPolicy:
     1e-6 beside it, and rounding of 1e-13."""
     rounds: int = 2
     """Rounds of rival refits. Source: chosen; the third changed nothing in the trial."""
-    same: float = 8.0
-    """Nats behind the best within which a group is in the class. Source: truth in the class 97.5 % of 239 sessions."""
-    same_confounded: float = 20.0
-    """As `same`, where one covariate is a function of the other in the session. Source: the same trial."""
-    reproduced: float = 12.0
-    """Strength of a law that another group cannot do, below which this session does not tell them apart, if the group
-    is within `same_confounded`. Source: `diagnosis.core.policy.RIVALS.same_class_evidence`, the same for names."""
-    function: float = 0.98
-    """Share of a covariate's variance that a smooth function of another explains, from which it is one of it. Source:
-    chosen; the rest of a confounded pair is its noise."""
-    one_quantity: float = 0.99
-    """The same of each by the other, from which they are one quantity, and a law of the one is a law of the other.
-    Source: fourteen cosines of the load along the tool leave 0.0015 to 0.0055 of the inclination (24 to 200 poses at
-    random), as its slope has no end at 0 and 180 deg; fourteen of the inclination leave 1e-5 of that load."""
     most_rivals: int = 4
     """Laws that are told with a name. Source: chosen; a reader wants few."""
-    most_class: int = 12
-    """Members of a class that are reported. Source: chosen; a reader wants few."""
 
 
 LAW_SEARCH = LawSearchPolicy()

@@ -11,6 +11,7 @@ import numpy as np
 from highside.arrays import Array
 from highside.diagnosis.laws.between import with_plain_temperature
 from highside.diagnosis.laws.classes import class_of
+from highside.diagnosis.laws.classes_policy import LAW_CLASS
 from highside.diagnosis.laws.edges import several_edges
 from highside.diagnosis.laws.evidence import LawTerm
 from highside.diagnosis.laws.few_values_policy import FEW_VALUES
@@ -22,6 +23,8 @@ from highside.diagnosis.laws.other_than_time import without_time
 from highside.diagnosis.laws.pairs import elsewhere, further_pairs
 from highside.diagnosis.laws.policy import LAW_SEARCH
 from highside.diagnosis.laws.priors import Prior
+from highside.diagnosis.laws.products import ProductGroup, best_products, fitted_again
+from highside.diagnosis.laws.products_policy import PRODUCTS
 from highside.diagnosis.laws.state import State, names_alone, which, worth
 from highside.diagnosis.laws.steps import Steps
 
@@ -103,6 +106,7 @@ class Search(Steps):
         elif self._variants:
             one = self._from_pairs(one)
         one = self._from_its_noise(one)
+        one = self._from_products(one) if self._variants else one
         if self.problem.every_pair and one.noise.remembers:
             one = self._from_edges(one)
         if not self._variants:
@@ -145,6 +149,38 @@ class Search(Steps):
         """Whether the noise exceeds the floor of values that are independent by no more than chance."""
         chance = LAW_SEARCH.at_the_floor / np.sqrt(2.0 * self.problem.n)
         return bool(state.noise.times_the_floor(self.problem).max() <= 1.0 + min(chance, LAW_SEARCH.quiet))
+
+    def _from_products(self, best: State) -> State:
+        """What was found, or what begins with a product of one function of each of two quantities and does better:
+        beside the floor, where noise may hold all of it, and beside what was found."""
+        if not self.problem.every_pair or self._quiet(best):
+            return best
+        floor = State([], LawNoise.floor_alone(self.problem), -np.inf, self.problem.residual)
+        start = best
+        for state in (floor, best):
+            for group in best_products(self._whitened(state), state.terms, self.groups):
+                start = max((start, self._with_product(state.terms, group)), key=lambda s: s.less_tries)
+        if start is best:
+            return best
+        self._tried.update(t.group for t in start.terms)
+        self.groups = [*self.groups, *(t.group for t in start.terms if t.group not in self.groups)]
+        self.families = self.families.of(self.groups, self.families.barred)
+        return max((best, self._proved(self._grown(self._proved(start), relearn=True))), key=lambda s: s.less_tries)
+
+    def _with_product(self, terms: list[LawTerm], group: ProductGroup) -> State:
+        """These terms and a product, fitted anew beside the noise that is left of them."""
+        best: State | None = None
+        for _ in range(PRODUCTS.rounds + 1):
+            noise = best.noise if best else LawNoise.floor_alone(self.problem)
+            white = self._whitened(State([], noise, -np.inf, self.problem.residual))
+            group = group if best is None else fitted_again(white, terms, group)
+            _, priors = white.of_groups([group]).scores(terms, within=np.inf)
+            state = self._learn([*terms, LawTerm(group, priors[0])], self.problem.residual)
+            if best is not None and state.less_tries <= best.less_tries:
+                break
+            best = state
+        assert best is not None
+        return best
 
     def _from_between(self, best: State) -> State:
         """What was found, or what begins beside white noise between the floor and what was learnt, and does better."""
@@ -375,7 +411,7 @@ class Search(Steps):
         self.families = self.families.of(self.groups, self.families.barred)
         other = self._learn(terms, self.problem.residual)
         # of two that followed the time the functions of one quantity may leave the other nothing
-        return self._proved(other) if other.evidence > state.evidence - LAW_SEARCH.same_confounded else state
+        return self._proved(other) if other.evidence > state.evidence - LAW_CLASS.same_confounded else state
 
     def _found(self, state: State) -> Found:
         if not self.problem.every_pair and (more := elsewhere(self.problem, self.groups, state.terms)):
@@ -387,7 +423,7 @@ class Search(Steps):
         terms = [state.terms[k] for k in order]
         classes = []
         for k in range(len(terms)):
-            gains, _ = white.scores([t for i, t in enumerate(terms) if i != k])
+            gains, _ = white.scores([t for i, t in enumerate(terms) if i != k], within=LAW_CLASS.same_reproduced)
             classes.append(class_of(self.problem, self.groups, white, terms, k, gains))
         own_gains = tuple(costs[k] for k in order)
         return Found(

@@ -17,8 +17,9 @@ from highside.diagnosis.laws.formulas import Closed, loss_of_curve
 from highside.diagnosis.laws.formulas_policy import LAW_FORMULAS, LAW_SEPARABLE
 from highside.diagnosis.laws.found import Found
 from highside.diagnosis.laws.groups import LawGroup, values_of
-from highside.diagnosis.laws.policy import LAW_GROUPS, LAW_REPORT
+from highside.diagnosis.laws.policy import LAW_REPORT
 from highside.diagnosis.laws.priors import Prior, best_priors
+from highside.diagnosis.laws.products import ProductGroup, is_surface, unit
 from highside.diagnosis.laws.variants import fine_axes, orders_of
 from highside.physics.law import Axis, Law
 
@@ -81,19 +82,14 @@ def _half(gram: Array, drive: Array, orders: Array, prior: Prior | None) -> tupl
     return np.asarray(inverse_of(gram, 1.0 / prior.variances(orders)) @ drive), prior
 
 
-def unit(coefficients: Array) -> Array:
-    """Of length 1; zeros stay."""
-    return np.asarray(coefficients / max(float(np.linalg.norm(coefficients)), 1e-300))
-
-
 def as_product(found: Found, white: Whitened, terms: list[LawTerm], k: int) -> Closed | None:
     """The product that does better than the surface of a term on values held out; None where none does, or where the
     term is no surface of two smooth functions."""
     group = terms[k].group
-    smooth = all(len(axis.functions) > LAW_GROUPS.few and not axis.sets_in for axis in group.axes)
-    if group.effect or len(group.axes) != 2 or len(group.units) != 1 or not smooth:
+    known = isinstance(group, ProductGroup)
+    if not known and not is_surface(group):
         return None
-    axes = fine_axes(found.problem, group)
+    axes = group.surface if isinstance(group, ProductGroup) else fine_axes(found.problem, group)
     place = group.units[0]
     one, other = (axis.basis(values_of(found.problem, axis.covariate, place)) for axis in axes)
     raw = (one[:, None] * other[None]).reshape(len(one) * len(other), 1, -1) * place.field[None]
@@ -101,7 +97,7 @@ def as_product(found: Found, white: Whitened, terms: list[LawTerm], k: int) -> C
     columns, prior = white.columns([t for i, t in enumerate(terms) if i != k])
     orders = orders_of(axes[0]), orders_of(axes[1])
     whole = _Rows(columns, prior, products, white.residual)
-    product = whole.fitted(_start(whole), orders, None)
+    product = whole.fitted(group.weights if isinstance(group, ProductGroup) else _start(whole), orders, None)
     n = white.residual.shape[1]
     loss, fold = 0.0, np.arange(n) % LAW_REPORT.folds
     for number in range(LAW_REPORT.folds):
@@ -111,7 +107,7 @@ def as_product(found: Found, white: Whitened, terms: list[LawTerm], k: int) -> C
         told = np.einsum("a,abcn,b->cn", own.first, products[..., out], own.second)
         told = told + np.tensordot(part.beside(own), columns[..., out], 1)
         loss += float(np.sum((white.residual[:, out] - told) ** 2))
-    if 0.5 * (loss_of_curve(white, terms) - loss) < LAW_FORMULAS.margin:
+    if not known and 0.5 * (loss_of_curve(white, terms) - loss) < LAW_FORMULAS.margin:
         return None
     return _law(group, axes, whole, product, orders, raw)
 

@@ -13,6 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from highside.arrays import Array
+from highside.diagnosis.laws.classes_policy import LAW_CLASS
 from highside.diagnosis.laws.edges_policy import EDGES
 from highside.diagnosis.laws.groups import (
     SETS_IN,
@@ -23,7 +24,7 @@ from highside.diagnosis.laws.groups import (
     product_of,
     values_of,
 )
-from highside.diagnosis.laws.policy import LAW_GROUPS, LAW_SEARCH
+from highside.diagnosis.laws.policy import LAW_GROUPS
 from highside.diagnosis.laws.problem import LawProblem, functions_of
 from highside.physics.covariates import COVARIATES
 from highside.physics.law import Axis, Function
@@ -191,7 +192,7 @@ def _as_scale(problem: LawProblem, group: LawGroup) -> list[LawGroup]:
     own, made = values_of(problem, "load", unit), []
     for first, other in (group.axes, group.axes[::-1]):
         values = values_of(problem, first.covariate, unit)
-        if not other.covariate.startswith("load") or not one_quantity(values, own, LAW_SEARCH.one_quantity):
+        if not other.covariate.startswith("load") or not one_quantity(values, own, LAW_CLASS.one_quantity):
             continue
         values = values_of(problem, other.covariate, unit)
         distinct = distinct_of(values)
