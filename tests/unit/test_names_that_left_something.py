@@ -93,6 +93,15 @@ def test_what_follows_the_settings_is_not_noise_with_a_memory_far_above_the_floo
     assert any("more than they repeat" in hint for hint in found.remainder.hints)
 
 
+def test_in_few_poses_a_walk_of_hundreds_of_times_the_floor_is_no_answer(tmp_path: Path) -> None:
+    # 13 poses, two laws of 0.1 rad: it said that the zero offsets follow a random walk, of 88 mg
+    row = answer("925c2d2d27532b4dde268f156b02263ff139bce2", "law/082", tmp_path)
+    assert row["answer"]["verdict"] == "unknown"
+    found = (tmp_path / "diagnosis.json").read_text()
+    assert "taken for noise" not in found
+    assert "times more than they repeat" in found
+
+
 def test_a_step_that_was_found_has_stayed_in_the_next_recording() -> None:
     """A model that let it step again there, at the same time of the recording, would predict what cannot be."""
     rng = np.random.default_rng(5)

@@ -33,6 +33,8 @@ from highside.diagnosis.poses.policy import ROWS_MEMORY
 from highside.diagnosis.poses.session import PoseSession
 from highside.diagnosis.poses.within import CHECK as WITHIN_POSE
 
+TAKEN_FOR_NOISE = "what is left is taken for noise"
+
 
 def with_identified_noise(diagnosis: DiagnosisResult, found: Found) -> DiagnosisResult:
     """The diagnosis of poses in which no law was found, by the noise that was; others as they are."""
@@ -56,6 +58,12 @@ def beside_floor(
     """
     if found is None or any(hint.startswith(TAKEN_FOR) for hint in diagnosis.remainder.hints):
         return diagnosis, report
+    if diagnosis.verdict == "wander" and not diagnosis.claims and session.n < enough_poses():
+        # in few poses a random walk takes whatever there is, and of this size no sensor has one
+        if found.above(LAW_VERDICT.no_walk):
+            hints = tuple(h for h in diagnosis.remainder.hints if not h.startswith(TAKEN_FOR_NOISE))
+            remainder = replace(diagnosis.remainder, hints=hints)
+            diagnosis = replace(diagnosis, verdict="unknown", remainder=remainder)
     if diagnosis.verdict == "nothing_left_out" and found.above(LAW_VERDICT.far_above):
         diagnosis = with_excess(diagnosis, found, readings, LAW_VERDICT.far_above)
     fit, floor = diagnosis.fit, session.floor
