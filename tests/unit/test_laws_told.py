@@ -134,7 +134,7 @@ def test_a_surface_that_is_a_product_is_told_as_one_and_predicts_more(monkeypatc
 
 def test_a_surface_that_is_no_product_stays_a_surface() -> None:
     found = surface(of_both, 120)
-    assert found.terms and as_product(found, found.whitened(), list(found.terms), 0) is None
+    assert found.terms and as_product(found.whitened(), list(found.terms), 0) is None
 
 
 def test_a_law_that_predicts_worse_than_the_others_alone_goes() -> None:

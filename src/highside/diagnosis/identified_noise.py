@@ -58,12 +58,11 @@ def beside_floor(
     """
     if found is None or any(hint.startswith(TAKEN_FOR) for hint in diagnosis.remainder.hints):
         return diagnosis, report
-    if diagnosis.verdict == "wander" and not diagnosis.claims and session.n < enough_poses():
+    walks = diagnosis.verdict == "wander" and not diagnosis.claims
+    if walks and session.n < enough_poses() and found.above(LAW_VERDICT.no_walk):
         # in few poses a random walk takes whatever there is, and of this size no sensor has one
-        if found.above(LAW_VERDICT.no_walk):
-            hints = tuple(h for h in diagnosis.remainder.hints if not h.startswith(TAKEN_FOR_NOISE))
-            remainder = replace(diagnosis.remainder, hints=hints)
-            diagnosis = replace(diagnosis, verdict="unknown", remainder=remainder)
+        hints = tuple(h for h in diagnosis.remainder.hints if not h.startswith(TAKEN_FOR_NOISE))
+        diagnosis = replace(diagnosis, verdict="unknown", remainder=replace(diagnosis.remainder, hints=hints))
     if diagnosis.verdict == "nothing_left_out" and found.above(LAW_VERDICT.far_above):
         diagnosis = with_excess(diagnosis, found, readings, LAW_VERDICT.far_above)
     fit, floor = diagnosis.fit, session.floor

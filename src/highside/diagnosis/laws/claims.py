@@ -22,7 +22,7 @@ from highside.diagnosis.laws.nested import joined, nested
 from highside.diagnosis.laws.policy import LAW_REPORT
 from highside.diagnosis.laws.products import ProductGroup, coefficients_of
 from highside.diagnosis.laws.readings import readings_of
-from highside.diagnosis.laws.separable import as_product
+from highside.diagnosis.laws.separable import as_product, heldout_loss
 from highside.diagnosis.laws.to_vary import to_vary
 from highside.diagnosis.laws.together import told_together
 from highside.physics.covariates import covariate
@@ -56,7 +56,7 @@ def reported_laws(found: Found, taken: Iterable[str] = ()) -> list[ReportedLaw]:
     _, covariance = white.posterior(terms)
     shares = _shares(white, terms)
     numbers = [k for k, term in enumerate(terms) if not term.group.effect]
-    formulas = {k: closed_form(found, white, terms, k) or as_product(found, white, terms, k) for k in numbers}
+    formulas = {k: closed_form(found, white, terms, k) or as_product(white, terms, k) for k in numbers}
     sure = {k: closed for k, closed in formulas.items() if closed is not None and closed.law is not None}
     parts = nested(terms, shares, {k for k, closed in sure.items() if closed.text})
     inside = {j for own in parts.values() for j in own}
@@ -207,8 +207,9 @@ def heldout_of(found: Found) -> HeldOut:
 def heldout(white: Whitened, terms: list[LawTerm], *numbers: int) -> float:
     """Nats of log likelihood that terms add on values that no fit has used, beside the others."""
     others = [t for i, t in enumerate(terms) if i not in numbers]
-    with_it, without = (_predicted(white, used) for used in (terms, others))
-    return 0.5 * (without - with_it)
+    product = len(numbers) == 1 and isinstance(terms[numbers[0]].group, ProductGroup)
+    with_it = heldout_loss(white, terms, numbers[0]) if product else _predicted(white, terms)
+    return 0.5 * (_predicted(white, others) - with_it)
 
 
 def proved(found: Found) -> Found:

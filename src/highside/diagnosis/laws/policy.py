@@ -420,8 +420,8 @@ class LawVerdictPolicy:
     """Standard deviations of a channel in those of its noise floor, from which such noise must be. Source: sealed null
     sessions whose noise is correlated from pose to pose leave 1.35 to 1.5 (`ProblemPolicy.floor_ratio`)."""
     no_walk: float = 100.0
-    """The same from which, in few poses, offsets that wander are no answer. Source: walks and coloured noise of the open
-    world leave up to 13; law/082 of seed 925c2d2d, two laws of 0.1 rad in 13 poses, left 883 and was told as a walk."""
+    """The same from which, in few poses, offsets that wander are no answer. Source: the walks of the open world end at
+    13 at most; law/082 of seed 925c2d2d, two laws of 0.1 rad in 13 poses, left 883 and was told as a walk."""
     resembles: float = 0.9
     """Share of a law that an effect of the library explains, from which the law resembles it. Source: chosen; the rest
     is more than the band of a law of strength 400."""

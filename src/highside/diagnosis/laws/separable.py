@@ -15,7 +15,6 @@ from highside.diagnosis.core.regression import flattened
 from highside.diagnosis.laws.evidence import LawTerm, Whitened, inverse_of, orthonormal
 from highside.diagnosis.laws.formulas import Closed, loss_of_curve
 from highside.diagnosis.laws.formulas_policy import LAW_FORMULAS, LAW_SEPARABLE
-from highside.diagnosis.laws.found import Found
 from highside.diagnosis.laws.groups import LawGroup, values_of
 from highside.diagnosis.laws.policy import LAW_REPORT
 from highside.diagnosis.laws.priors import Prior, best_priors
@@ -82,34 +81,66 @@ def _half(gram: Array, drive: Array, orders: Array, prior: Prior | None) -> tupl
     return np.asarray(inverse_of(gram, 1.0 / prior.variances(orders)) @ drive), prior
 
 
-def as_product(found: Found, white: Whitened, terms: list[LawTerm], k: int) -> Closed | None:
+def as_product(white: Whitened, terms: list[LawTerm], k: int) -> Closed | None:
     """The product that does better than the surface of a term on values held out; None where none does, or where the
-    term is no surface of two smooth functions."""
+    term is no surface of two smooth functions. A term that is a product is told as one, its second function as
+    uncertain as its first."""
     group = terms[k].group
-    known = isinstance(group, ProductGroup)
-    if not known and not is_surface(group):
+    if not isinstance(group, ProductGroup) and not is_surface(group):
         return None
-    axes = group.surface if isinstance(group, ProductGroup) else fine_axes(found.problem, group)
-    place = group.units[0]
-    one, other = (axis.basis(values_of(found.problem, axis.covariate, place)) for axis in axes)
-    raw = (one[:, None] * other[None]).reshape(len(one) * len(other), 1, -1) * place.field[None]
-    products = white.whitener.white(raw).reshape(len(one), len(other), *white.residual.shape)
-    columns, prior = white.columns([t for i, t in enumerate(terms) if i != k])
-    orders = orders_of(axes[0]), orders_of(axes[1])
-    whole = _Rows(columns, prior, products, white.residual)
-    product = whole.fitted(group.weights if isinstance(group, ProductGroup) else _start(whole), orders, None)
-    n = white.residual.shape[1]
-    loss, fold = 0.0, np.arange(n) % LAW_REPORT.folds
-    for number in range(LAW_REPORT.folds):
-        out = fold == number
-        part = _Rows(columns[..., ~out], prior, products[..., ~out], white.residual[:, ~out])
-        own = part.fitted(product.second, orders, product.priors)
-        told = np.einsum("a,abcn,b->cn", own.first, products[..., out], own.second)
-        told = told + np.tensordot(part.beside(own), columns[..., out], 1)
-        loss += float(np.sum((white.residual[:, out] - told) ** 2))
-    if not known and 0.5 * (loss_of_curve(white, terms) - loss) < LAW_FORMULAS.margin:
+    fit = _Fit.of(white, terms, k)
+    if not isinstance(group, ProductGroup) and 0.5 * (loss_of_curve(white, terms) - fit.loss()) < LAW_FORMULAS.margin:
         return None
-    return _law(group, axes, whole, product, orders, raw)
+    return _law(group, fit.axes, fit.whole, fit.product, fit.orders, fit.raw)
+
+
+def heldout_loss(white: Whitened, terms: list[LawTerm], k: int) -> float:
+    """Sum of the squares that all terms leave of values held out, both functions of a product fitted to the others."""
+    return _Fit.of(white, terms, k).loss()
+
+
+@dataclass(frozen=True)
+class _Fit:
+    """A product in the place of a term, beside the others."""
+
+    white: Whitened
+    axes: tuple[Axis, Axis]
+    raw: Array
+    """(a b, C, n) the products of all functions"""
+    products: Array
+    """(a, b, C, n) whitened"""
+    columns: Array
+    prior: Array
+    orders: tuple[Array, Array]
+    whole: _Rows
+    product: _Product
+
+    @classmethod
+    def of(cls, white: Whitened, terms: list[LawTerm], k: int) -> _Fit:
+        group, problem = terms[k].group, white.families.problem
+        first, second = group.surface if isinstance(group, ProductGroup) else fine_axes(problem, group)
+        place = group.units[0]
+        one, other = (axis.basis(values_of(problem, axis.covariate, place)) for axis in (first, second))
+        raw = (one[:, None] * other[None]).reshape(len(one) * len(other), 1, -1) * place.field[None]
+        products = white.whitener.white(raw).reshape(len(one), len(other), *white.residual.shape)
+        columns, prior = white.columns([t for i, t in enumerate(terms) if i != k])
+        orders = orders_of(first), orders_of(second)
+        whole = _Rows(columns, prior, products, white.residual)
+        product = whole.fitted(group.weights if isinstance(group, ProductGroup) else _start(whole), orders, None)
+        return cls(white, (first, second), raw, products, columns, prior, orders, whole, product)
+
+    def loss(self) -> float:
+        """Sum of the squares that are left of values held out."""
+        residual = self.white.residual
+        loss, fold = 0.0, np.arange(residual.shape[1]) % LAW_REPORT.folds
+        for number in range(LAW_REPORT.folds):
+            out = fold == number
+            part = _Rows(self.columns[..., ~out], self.prior, self.products[..., ~out], residual[:, ~out])
+            own = part.fitted(self.product.second, self.orders, self.product.priors)
+            told = np.einsum("a,abcn,b->cn", own.first, self.products[..., out], own.second)
+            told = told + np.tensordot(part.beside(own), self.columns[..., out], 1)
+            loss += float(np.sum((residual[:, out] - told) ** 2))
+        return loss
 
 
 def _start(rows: _Rows) -> Array:
