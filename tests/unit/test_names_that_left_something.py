@@ -93,6 +93,14 @@ def test_what_follows_the_settings_is_not_noise_with_a_memory_far_above_the_floo
     assert any("more than they repeat" in hint for hint in found.remainder.hints)
 
 
+def test_beside_a_law_that_explains_little_errors_of_the_set_angles_are_judged_as_without_it(tmp_path: Path) -> None:
+    # 29 poses, a toolface error of 0.2 deg that follows the toolface: taken for errors of the set angles, which are
+    # judged where no law is found, and one of 0.007 deg was
+    row = answer("bbcbd3ba726080d8809ebc3f2aff1b361d111cf5", "law/132", tmp_path)
+    assert row["truth"]["strength"] > 1e5
+    assert row["answer"]["verdict"] == "not_testable"
+
+
 def test_in_few_poses_a_walk_of_hundreds_of_times_the_floor_is_no_answer(tmp_path: Path) -> None:
     # 13 poses, two laws of 0.1 rad: it said that the zero offsets follow a random walk, of 88 mg
     row = answer("925c2d2d27532b4dde268f156b02263ff139bce2", "law/082", tmp_path)

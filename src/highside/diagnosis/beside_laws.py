@@ -95,7 +95,8 @@ def with_laws(
     after = np.asarray(session.observed.residual(final))
     fit = _fit(session, outcome.found, report, after, diagnosis.fit)
     if not (diagnosis.claims or outcome.names) and _explains_nothing(session, outcome, report.before, after):
-        return diagnosis, report
+        # what is left beside none of them is judged as where none was found
+        return _unchanged(diagnosis, replace(outcome, laws=(), found=outcome.found.only([]))), report
     kept = diagnosis.location if outcome.names and (diagnosis.claims or not laws) else ()
     made = replace(
         diagnosis,
