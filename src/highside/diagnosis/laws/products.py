@@ -88,6 +88,11 @@ def is_surface(group: LawGroup) -> bool:
     return not group.effect and len(group.axes) == 2 and len(group.units) == 1 and smooth
 
 
+def is_more_than(product: LawGroup, law: LawGroup) -> bool:
+    """Whether a product acts as a law does and follows what that follows, and something else."""
+    return not law.effect and product.kind[:2] == law.kind[:2] and set(law.depends_on) < set(product.depends_on)
+
+
 def best_products(white: Whitened, terms: Sequence[LawTerm], groups: Sequence[LawGroup]) -> list[ProductGroup]:
     """The likeliest products in the places and of the quantities of some groups, beside terms, the best first."""
     beside = _Beside(white, terms)

@@ -23,7 +23,7 @@ from highside.diagnosis.laws.other_than_time import without_time
 from highside.diagnosis.laws.pairs import elsewhere, further_pairs
 from highside.diagnosis.laws.policy import LAW_SEARCH
 from highside.diagnosis.laws.priors import Prior
-from highside.diagnosis.laws.products import ProductGroup, best_products, fitted_again
+from highside.diagnosis.laws.products import ProductGroup, best_products, fitted_again, is_more_than
 from highside.diagnosis.laws.products_policy import PRODUCTS
 from highside.diagnosis.laws.state import State, names_alone, which, worth
 from highside.diagnosis.laws.steps import Steps
@@ -156,16 +156,21 @@ class Search(Steps):
         if not self.problem.every_pair or self._quiet(best):
             return best
         floor = State([], LawNoise.floor_alone(self.problem), -np.inf, self.problem.residual)
-        start = best
+        start, least = best, best.less_tries
         for state in (floor, best):
             for group in best_products(self._whitened(state), state.terms, self.groups):
-                start = max((start, self._with_product(state.terms, group)), key=lambda s: s.less_tries)
+                made = self._with_product(state.terms, group)
+                # beside a law of one of its quantities it may follow what the functions of that leave
+                margin = LAW_SEARCH.simpler if any(is_more_than(group, t.group) for t in state.terms) else 0.0
+                if made.less_tries - margin > least:
+                    start, least = made, made.less_tries - margin
         if start is best:
             return best
         self._tried.update(t.group for t in start.terms)
         self.groups = [*self.groups, *(t.group for t in start.terms if t.group not in self.groups)]
         self.families = self.families.of(self.groups, self.families.barred)
-        return max((best, self._proved(self._grown(self._proved(start), relearn=True))), key=lambda s: s.less_tries)
+        made = self._proved(self._grown(self._proved(start), relearn=True))
+        return made if made.less_tries > best.less_tries + (start.less_tries - least) else best
 
     def _with_product(self, terms: list[LawTerm], group: ProductGroup) -> State:
         """These terms and a product, fitted anew beside the noise that is left of them."""
