@@ -283,6 +283,8 @@ def _chosen(
         names += [c for c in names_of(found, model) if c.effect not in staying]
     left = proved(found)
     told, ahead = with_free_rivals(names, left)
+    if not names and _is_beyond_first_order(session, bare, left):
+        return _alone(session, bare, [c.effect for c in claims], refused)
     laws, renamed = tuple(reported_laws(left, model.ids)), found is not chosen
     behind = -min(ahead.values(), default=np.inf)
     outcome = Outcome(told, laws, left, renamed, doubted_of(left, ahead), behind=behind)
@@ -371,8 +373,7 @@ def _alone(
             offered += alike
             search = search.beside_names([g for name in alike for g in name_groups(session, model, name)])
             found = search.resumed(found)
-        beyond = beyond_first_order(session, model, found, residual)
-        if float(np.sum((beyond / session.floor / found.noise.factor[:, None]) ** 2)) >= LAW_VERDICT.second_order:
+        if (beyond := _beyond(session, model, found, residual)) is not None:
             search = search.of_residual(residual - beyond)
             found = search.resumed(found)
         elif not alike:
@@ -395,6 +396,18 @@ def _alone(
         kept = [claim.effect for claim in names if claim.effect not in unfit | outside]
         return _alone(session, model, kept, frozenset(library.all_effects()) - set(kept))
     return Outcome(told, tuple(reported_laws(found, model.ids)), found)
+
+
+def _beyond(session: LawSession, model: ForwardModel, found: Found, residual: Array) -> Array | None:
+    """(C, m) what laws and names do beyond first order, where a search would take it for laws."""
+    beyond = beyond_first_order(session, model, found, residual)
+    shows = float(np.sum((beyond / session.floor / found.noise.factor[:, None]) ** 2)) >= LAW_VERDICT.second_order
+    return beyond if shows else None
+
+
+def _is_beyond_first_order(session: LawSession, model: ForwardModel, found: Found) -> bool:
+    """Whether laws in the place of names do so much beyond first order."""
+    return bool(found.terms) and _beyond(session, model, found, session.residual(model)) is not None
 
 
 # --- what is reported --------------------------------------------------------------------------------------------
