@@ -264,7 +264,7 @@ def _chosen(
     tried = [kept, whole, *([search.without_effects().run(kept)] if mixed else [])]
     every = {c.effect for c in claims}
     quietest = min(float(found.noise.factor.max()) for found in tried)
-    chosen = max(tried, key=lambda found: _worth(found, every, quietest))
+    chosen = max(tried, key=lambda one: _worth(one, every, quietest))
     if single is not None and not chosen.terms:
         # what its test finds is worth too little here for any claim: the name stays, unless it is worth nothing beside
         # this noise, or a law would do better
@@ -285,9 +285,8 @@ def _chosen(
     told, ahead = with_free_rivals(names, left)
     if not names and _is_beyond_first_order(session, bare, left):
         return _alone(session, bare, [c.effect for c in claims], refused)
-    laws, renamed = tuple(reported_laws(left, model.ids)), found is not chosen
-    behind = -min(ahead.values(), default=np.inf)
-    outcome = Outcome(told, laws, left, renamed, doubted_of(left, ahead), behind=behind)
+    laws, behind = tuple(reported_laws(left, model.ids)), -min(ahead.values(), default=np.inf)
+    outcome = Outcome(told, laws, left, found is not chosen, doubted_of(left, ahead), behind=behind)
     return _given_way(session, bare, claims, refused, outcome)
 
 

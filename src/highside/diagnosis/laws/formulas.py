@@ -207,6 +207,16 @@ MOVED_FORMS = frozenset({"modulus", "ramp", "exponential", "decay", "sine", "bum
 }
 
 
+def _values(functions: Sequence[Function], values: Array, span: tuple[float, float]) -> tuple[Array, Array]:
+    """(m, n) functions of a covariate and (m, 1) their root mean squares: 0 of what is nothing, or cannot be computed,
+    as where its numbers were moved too far."""
+    with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
+        basis = np.array([f(values, span) for f in functions])
+        square = np.mean(basis**2, axis=1, keepdims=True)
+    known = np.isfinite(square) & (square > np.finfo(float).tiny)
+    return basis, np.sqrt(np.where(known, square, 0.0))
+
+
 class _Fit:
     """Functions of a covariate fitted beside all other columns, on all values."""
 
@@ -224,10 +234,10 @@ class _Fit:
 
     def left(self, functions: Sequence[Function]) -> float:
         """Square of what is left, in units of the noise; infinite where they cannot be computed."""
-        basis = np.array([f(self.values, self.span) for f in functions])
-        if not np.all(np.isfinite(basis)) or not np.all(np.any(basis, axis=1)):
+        basis, size = _values(functions, self.values, self.span)
+        if not np.all(size > 0.0):
             return np.inf
-        basis = basis / np.sqrt(np.mean(basis**2, axis=1, keepdims=True))
+        basis = basis / size
         own = flattened(self.white.whitener.white(basis[:, None] * self.field[None]))
         own = np.concatenate([own, np.zeros((len(own), self.width))], axis=1)
         own = orthonormal(own - (own @ self.beside.T) @ self.beside)
@@ -321,10 +331,9 @@ def _scored(
     Where a step is, the values beside it alone say: left out, they would be given to whatever hedges.
     """
     field = group.units[0].field
-    made = [[f(values, (span.low, span.high)) for f in (*functions, *constant)] for functions in form.functions]
-    basis: Array = np.array(made)
-    size = np.sqrt(np.mean(basis**2, axis=2, keepdims=True))
-    good = np.all(np.isfinite(basis), axis=(1, 2)) & np.all(size[:, :, 0] > 0, axis=1)
+    made = [_values([*functions, *constant], values, (span.low, span.high)) for functions in form.functions]
+    basis, size = (np.array(one) for one in zip(*made, strict=True))
+    good = np.all(size[:, :, 0] > 0.0, axis=1)
     if not good.any():
         return None
     basis, size = basis[good], size[good]
