@@ -200,7 +200,11 @@ def heldout_of(found: Found) -> HeldOut:
         "the noise that was learnt; gain = share of the mean square removed"
     )
     return HeldOut(
-        float(np.sqrt(before.sum() / count)), float(np.sqrt(after.sum() / count)), middle - half, middle + half, words
+        float(np.sqrt(before.sum() / count)),
+        float(np.sqrt(after.sum() / count)),
+        middle - half,
+        min(middle + half, 1.0),
+        words,
     )
 
 
