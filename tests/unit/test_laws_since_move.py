@@ -144,3 +144,18 @@ def test_a_course_of_few_rows_is_not_taken_for_their_noise(lost: bool) -> None:
     kept = rng.random(pose.size) > (0.1 if lost else 0.0)
     made = diagnose({name: values[kept] for name, values in columns.items()}, MODEL)
     assert ("offset", ("time_since_move",)) in [(claim.place, claim.depends_on) for claim in made.claims]
+
+
+def test_poses_that_drift_as_the_load_says_are_a_law_and_those_that_drift_alike_are_none() -> None:
+    case = every_case("bbcbd3ba726080d8809ebc3f2aff1b361d111cf5", ("law",))["law/090"]()
+    made = diagnose({name: np.asarray(column) for name, column in case.recording.items()}, MODEL)
+    assert [(claim.place, claim.depends_on) for claim in made.claims] == [("offset", ("load_x", "time_since_move"))]
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        columns, _ = recording(seed, "drift")
+        for name, size in (("ax_g", 2e-4), ("ay_g", -5e-5)):
+            columns[name] = columns[name] + size * (columns["t_s"] % 30.0) + 1e-4 * rng.normal(size=POSES * ROWS)
+        accel = np.vstack([columns[f"a{axis}_g"] for axis in "xyz"])
+        state = pose_session(columns, accel, gravity_mps2=9.81).state
+        held = HeldRows(accel, columns["t_s"], rows_of_poses(columns, accel))
+        assert laws_since_move(held, state, ForwardModel.of({})) is None

@@ -6,7 +6,8 @@ rows (s since its first row, both less their means), and how well it is known. T
 nothing static shows in them, so nothing is free, and what they follow is found by the same search as any law.
 
 The time constant is that with which simple functions of the load explain most. A decay that is slower than a pose is
-held is not told from a drift and is not claimed: it must explain more than a straight line in time does.
+held is not told from a drift and is not claimed: it must explain more than a straight line in time does. Where by how
+much a pose drifts follows the load, it is no drift of something else, and the straight line is the course.
 
 What is no decay has a free course (`laws.course`), which must predict poses that it was not learnt from better than
 the decay and the straight line do.
@@ -60,6 +61,8 @@ def laws_since_move(held: HeldRows, state: ChainState, model: ForwardModel) -> t
     tau = _time_constant(held, sigma, simple)
     course = None if tau is None else decay_course(tau, held.longest_s)
     course = course_beyond(held, sigma, simple, course) or course
+    drifts = course is None
+    course = course or _drift_of_the_load(held, simple)
     if course is None:
         return None
     course = of_unit_size(course, held)
@@ -70,7 +73,9 @@ def laws_since_move(held: HeldRows, state: ChainState, model: ForwardModel) -> t
     fields = fields_that_act(place_fields(model, state, OF_POSES, gyros=False))
     nothing, noise = np.empty((0, *value.shape)), sigma[:, None] / np.sqrt(power)
     problem = LawProblem(value, nothing, fields, covariates, noise, state.t_s, channels=names, memory=False)
-    found = Search(problem, list(_courses(problem, course)), variants=False).run()
+    # what drifts alike in every pose is a drift of something else
+    groups = [group for group in _courses(problem, course) if len(group.axes) > 1 or not drifts]
+    found = Search(problem, groups, variants=False).run()
     # what follows something else as well contains the simple course, and is no rival of it
     classes = tuple(
         tuple(g for g in alike if len(t.group.axes) > 1 or g is t.group or len(g.axes) == 1)
@@ -145,6 +150,26 @@ def _time_constant(held: HeldRows, sigma: Array, simple: Array) -> float | None:
         return None
     near = np.geomspace(tried[max(best - 1, 0)], tried[min(best + 1, tried.size - 1)], LAW_SINCE_MOVE.tried)
     return float(near[int(np.argmax([gain(float(tau)) for tau in near]))])
+
+
+def _drift_of_the_load(held: HeldRows, simple: Array) -> Course | None:
+    """A straight line in time where by how much each pose drifts follows the load or the move, as a drift of something
+    else would not; judged by the scatter of the drifts themselves, whatever noise makes that."""
+    axis = Axis(SINCE, 0.0, held.longest_s, (Function("straight"),))
+    line = Course(axis, np.ones(1), np.zeros((1, 1)))
+    values, power = Sums.of(held, axis).amplitudes(line.weights)
+    root, gains = np.sqrt(power), []
+    for value, functions in zip(values, simple, strict=True):
+        left = [_left(value * root, own * root) for own in (functions[:1], functions)]
+        cost = 0.5 * (len(functions) - 1) * np.log(value.size)
+        gains.append(0.5 * value.size * np.log(left[0] / left[1]) - cost)
+    return line if max(gains) >= LAW_SEARCH.each else None
+
+
+def _left(values: Array, functions: Array) -> float:
+    """Sum of the squares that functions (k, n) leave of values (n,)."""
+    fitted = functions.T @ np.linalg.lstsq(functions.T, values, rcond=None)[0]
+    return max(float(np.sum((values - fitted) ** 2)), np.finfo(float).tiny)
 
 
 def _courses(problem: LawProblem, course: Course) -> Iterator[LawGroup]:
