@@ -95,19 +95,20 @@ def is_more_than(product: LawGroup, law: LawGroup) -> bool:
 
 def best_products(white: Whitened, terms: Sequence[LawTerm], groups: Sequence[LawGroup]) -> list[ProductGroup]:
     """The likeliest products in the places and of the quantities of some groups, beside terms, the best first."""
-    beside = _Beside(white, terms)
-    alike: dict[tuple[int, ...], list[_Pair]] = defaultdict(list)
-    for group in groups:
-        if is_surface(group):
-            pair = beside.pair(group, fine_axes(white.families.problem, group))
-            alike[pair.drive.shape].append(pair)
-    scored: list[tuple[float, _Pair, Array]] = []
-    for pairs in alike.values():
-        worth, second = _fitted(pairs, PRODUCTS.turns, _starts(pairs))
-        scored += zip(worth.tolist(), pairs, second, strict=True)
-    scored.sort(key=lambda one: -one[0])
-    near = [refined(pair, start) for _, pair, start in scored[: PRODUCTS.refined]]
-    near.sort(key=lambda one: -one[0])
+    beside, problem = _Beside(white, terms), white.families.problem
+    alike: dict[tuple[int, ...], list[tuple[LawGroup, tuple[Axis, ...]]]] = defaultdict(list)
+    for group in filter(is_surface, groups):
+        axes = fine_axes(problem, group)
+        alike[tuple(len(axis.functions) for axis in axes)].append((group, axes))
+    best: list[tuple[float, _Pair, Array]] = []
+    for surfaces in alike.values():
+        # the inner products of all at once would not fit where a recording has many columns
+        for first in range(0, len(surfaces), PRODUCTS.at_once):
+            pairs = [beside.pair(*one) for one in surfaces[first : first + PRODUCTS.at_once]]
+            worth, second = _fitted(pairs, PRODUCTS.turns, _starts(pairs))
+            best += zip(worth.tolist(), pairs, second, strict=True)
+            best = sorted(best, key=lambda one: -one[0])[: PRODUCTS.refined]
+    near = sorted((refined(pair, start) for _, pair, start in best), key=lambda one: -one[0])
     return [group for _, group in near[: PRODUCTS.tried]]
 
 
@@ -227,5 +228,5 @@ def _group(pair: _Pair, second: Array, cost: float) -> ProductGroup:
     one = Combined(other.covariate, other.low, other.high, (Function("one"),), other, tuple(map(float, second)))
     basis = pair.functions[0] * (second @ pair.functions[1])
     alike = pair.group.alike if isinstance(pair.group, ProductGroup) else pair.group.tries
-    tries = alike * float(np.exp(max(cost, 0.0)))
+    tries = alike * float(np.exp(np.clip(cost, 0.0, np.log(np.finfo(float).max / alike))))
     return ProductGroup(pair.group.units, (first, one), orders_of(first), basis[None], tries, alike=alike)
