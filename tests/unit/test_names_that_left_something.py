@@ -101,6 +101,16 @@ def test_beside_a_law_that_explains_little_errors_of_the_set_angles_are_judged_a
     assert row["answer"]["verdict"] == "not_testable"
 
 
+@FURTHER
+def test_two_laws_of_the_time_in_one_place_are_one_of_what_runs_with_it(tmp_path: Path) -> None:
+    # two functions of the time followed the rate of the temperature closer than a function of that, and predicted
+    # another session worse than nothing (-1.00)
+    row = answer("bbcbd3ba726080d8809ebc3f2aff1b361d111cf5", "law/102", tmp_path)
+    assert ["temp_rate"] in [list(claim["depends_on"]) for claim in row["answer"]["claims"]]
+    assert not any("time" in claim["depends_on"] for claim in row["answer"]["claims"])
+    assert row["closed"] > 0.5
+
+
 def test_in_few_poses_a_walk_of_hundreds_of_times_the_floor_is_no_answer(tmp_path: Path) -> None:
     # 13 poses, two laws of 0.1 rad: it said that the zero offsets follow a random walk, of 88 mg
     row = answer("925c2d2d27532b4dde268f156b02263ff139bce2", "law/082", tmp_path)

@@ -60,6 +60,27 @@ def without_time(
     return made
 
 
+def one_for_several(
+    problem: LawProblem, whitener: Whitener, residual: Array, groups: Sequence[LawGroup], terms: Sequence[LawTerm]
+) -> list[LawTerm] | None:
+    """The terms with one law of another quantity for several of the time alone in one place: two functions of the time
+    follow what a quantity does, which is not known to the last digit, closer than a function of that. None where no two
+    are."""
+    of_time = [term for term in terms if term.group.depends_on == (TIME,) and not term.group.effect]
+    several = next((own for term in of_time if len(own := _beside(term, of_time)) > 1), None)
+    tried = instead_of_time(problem, groups, several[0].group) if several else []
+    if several is None or not tried:
+        return None
+    others = [term for term in terms if not any(term is one for one in several)]
+    gains, priors = Whitened(Families(problem, tried), whitener, residual).scores(others)
+    best = int(np.argmax(gains))
+    return [*others, LawTerm(tried[best], priors[best])] if np.isfinite(gains[best]) else None
+
+
+def _beside(term: LawTerm, terms: Sequence[LawTerm]) -> list[LawTerm]:
+    return [one for one in terms if one.group.kind[:2] == term.group.kind[:2]]
+
+
 def _as_good(among: Whitened, terms: list[LawTerm], k: int) -> LawTerm | None:
     """The best of the groups in the place of a term, the first of them, that is in the class of it."""
     own, *tried = among.families.groups

@@ -19,7 +19,7 @@ from highside.diagnosis.laws.found import Found
 from highside.diagnosis.laws.groups import LawGroup
 from highside.diagnosis.laws.noise import LawNoise, Whitener
 from highside.diagnosis.laws.onsets import Onsets, begun
-from highside.diagnosis.laws.other_than_time import without_time
+from highside.diagnosis.laws.other_than_time import one_for_several, without_time
 from highside.diagnosis.laws.pairs import elsewhere, further_pairs
 from highside.diagnosis.laws.policy import LAW_SEARCH
 from highside.diagnosis.laws.priors import Prior
@@ -408,6 +408,13 @@ class Search(Steps):
     def _without_time(self, state: State) -> State:
         """The laws that follow the session's time as laws of something else, where that does as well; so with lags."""
         whitener = Whitener(self.problem, state.noise)
+        one = one_for_several(self.problem, whitener, state.residual, self.groups, state.terms)
+        if one is not None:
+            self.groups = [*self.groups, *(t.group for t in one if t.group not in self.groups)]
+            self.families = self.families.of(self.groups, self.families.barred)
+            other = self._proved(self._grown(self._settled(self._learn(one, self.problem.residual)), relearn=True))
+            if other.worth > state.worth - LAW_CLASS.same_confounded:
+                return other
         terms = without_time(self.problem, whitener, state.residual, self.groups, state.terms)
         terms = with_plain_temperature(self.problem, whitener, state.residual, terms)
         if which(terms) == which(state.terms):
