@@ -124,20 +124,21 @@ def course_in_common(held: HeldRows, simple: Array) -> list[tuple[Array, float]]
     """Of each channel what all poses go through alike: (N,) g at the rows, each pose's mean off, with as many bends as
     a free course may have and amplitudes that are simple functions (3, k, n); and the share of all that is free of the
     rows which that takes up. Nothing where it would take up more than `LAW_COURSE.share`."""
-    rows = np.concatenate(held.rows)
-    pose = np.repeat(np.arange(len(held.rows)), [r.size for r in held.rows])
+    rows = sum(r.size for r in held.rows)
     axis = _smooth(held.longest_s, min(LAW_COURSE.most, max(r.size for r in held.rows) - 1))
-    functions = np.concatenate([_less_mean(axis.basis(held.since(k))) for k in range(len(held.rows))], axis=1)
-    readings = np.concatenate([_less_mean(held.accel[:, r]) for r in held.rows], axis=1)
-    found = []
-    for own, reading in zip(simple, readings, strict=True):
-        columns = (functions[:, None] * own[None, :, pose]).reshape(-1, rows.size)
-        basis, size, _ = np.linalg.svd(columns.T, full_matrices=False)
-        basis = basis[:, size > LAW_COURSE.rank * size[0]]
-        share = basis.shape[1] / (rows.size - len(held.rows))
+    sums, found = Sums.of(held, axis), []
+    for own, moments in zip(simple, sums.moments, strict=True):
+        # of each function of the time times each of what an amplitude may follow
+        gram = np.einsum("jn,mn,nab->ajbm", own, own, sums.gram)
+        size, turn = np.linalg.eigh(gram.reshape(2 * (len(own) * len(axis.functions),)))
+        turn, size = turn[:, size > LAW_COURSE.rank * size[-1]], size[size > LAW_COURSE.rank * size[-1]]
+        share = size.size / (rows - len(held.rows))
         fitted = np.zeros(held.accel.shape[1])
         if share <= LAW_COURSE.share:
-            fitted[rows] = basis @ (basis.T @ reading)
+            sizes = turn @ ((turn.T @ np.einsum("jn,na->aj", own, moments).reshape(-1)) / size)
+            weights = sizes.reshape(-1, len(own)) @ own
+            for pose, r in enumerate(held.rows):
+                fitted[r] = weights[:, pose] @ _less_mean(axis.basis(held.since(pose)))
         found.append((fitted, share if share <= LAW_COURSE.share else 0.0))
     return found
 
