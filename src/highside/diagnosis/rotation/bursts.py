@@ -2,7 +2,8 @@
 
 It is looked for in what is left of everything else, whitened: spectra of windows of several lengths, each cell in units
 of the level of its neighbourhood in the same window. So neither noise that grows and shrinks nor an error in the colour
-of the noise looks like a burst; what is left is exponential, and the highest of all cells is judged by their number.
+of the noise looks like a burst; what is left is exponential, as far as a neighbourhood tells its level, and the highest
+of all cells is judged by their number.
 Where it begins and ends is where a wave of its frequency fits best.
 """
 
@@ -43,10 +44,10 @@ def found_burst(rest: Sequence[tuple[slice, Array]], places: Array) -> Burst | N
         for start, length in _windows(rows.shape[1]):
             power = np.abs(np.fft.rfft(rows[:, start : start + length], axis=1)[:, BURSTS.first_cell : -1]) ** 2
             cells += power.size
-            ratio = power / _level(power)
-            at = np.unravel_index(int(np.argmax(ratio)), ratio.shape)
-            if best is None or ratio[at] > best[0]:
-                best = (float(ratio[at]), k, start, length, float(at[1] + BURSTS.first_cell) / length)
+            heights = _heights(power)
+            at = np.unravel_index(int(np.argmax(heights)), heights.shape)
+            if best is None or heights[at] > best[0]:
+                best = (float(heights[at]), k, start, length, float(at[1] + BURSTS.first_cell) / length)
     if best is None or best[0] < np.log(cells / BURSTS.chance):
         return None
     height, k, _, length, frequency = best
@@ -70,11 +71,19 @@ def _windows(n: int) -> Iterator[tuple[int, int]]:
                 yield start, length
 
 
-def _level(power: Array) -> Array:
-    """(C, cells) mean power of the neighbourhood of each cell, by its median."""
+def _heights(power: Array) -> Array:
+    """(C, cells) minus the logarithm of the chance that a cell is as high above its neighbourhood.
+
+    Of m cells the median tells the mean power with a variance of 1 / (m ln(2)^2) of its square, as a mean of k = m
+    ln(2)^2 cells would: a cell in units of that is beyond h by (1 + h / k)^-k.
+    """
     parts = np.array_split(power, max(1, power.shape[1] // BURSTS.neighbours), axis=1)
-    level = [np.broadcast_to(np.median(p, axis=1, keepdims=True), p.shape) for p in parts]
-    return np.asarray(np.maximum(np.concatenate(level, axis=1) / np.log(2), 1e-30))
+    found = []
+    for part in parts:
+        level = np.maximum(np.median(part, axis=1, keepdims=True) / np.log(2), 1e-30)
+        known = part.shape[1] * np.log(2) ** 2
+        found.append(known * np.log1p(part / level / known))
+    return np.concatenate(found, axis=1)
 
 
 def _extent(rows: Array, frequency: float, width: float) -> tuple[int, int, float, Array]:
