@@ -18,8 +18,9 @@ import numpy as np
 
 from highside.arrays import AnyArray, Array
 from highside.diagnosis.core.regression import flattened
+from highside.diagnosis.laws.classes_policy import LAW_CLASS
 from highside.diagnosis.laws.evidence import LawTerm, Whitened, inverse_of
-from highside.diagnosis.laws.groups import LawGroup
+from highside.diagnosis.laws.groups import LawGroup, confounded, values_of
 from highside.diagnosis.laws.policy import LAW_GROUPS
 from highside.diagnosis.laws.priors import best_priors, falls, shown_of
 from highside.diagnosis.laws.problem import functions_of
@@ -45,6 +46,8 @@ class Combined(Axis):
 class ProductGroup(LawGroup):
     """The functions of the first quantity, each times one function of the second."""
 
+    functions: tuple[Array, Array] = (np.empty((0, 0)), np.empty((0, 0)))
+    """(a, n) and (b, n) of each quantity"""
     alike: float = 1
     """how many surfaces like its own are tried; `tries` has what the second function costs as well"""
 
@@ -54,6 +57,15 @@ class ProductGroup(LawGroup):
         first, second = self.axes
         assert isinstance(second, Combined) and second.of is not None
         return first, second.of
+
+    def curves(self) -> list[LawGroup]:
+        """The functions of each quantity alone, in its place."""
+        first, second = self.surface
+        values = (self.functions[0], self.functions[1])
+        return [
+            LawGroup(self.units, (axis,), orders_of(axis), own[None])
+            for axis, own in zip((first, second), values, strict=True)
+        ]
 
     @property
     def weights(self) -> Array:
@@ -98,6 +110,10 @@ def best_products(white: Whitened, terms: Sequence[LawTerm], groups: Sequence[La
     beside, problem = _Beside(white, terms), white.families.problem
     alike: dict[tuple[int, ...], list[tuple[LawGroup, tuple[Axis, ...]]]] = defaultdict(list)
     for group in filter(is_surface, groups):
+        one, other = (values_of(problem, name, group.units[0]) for name in group.depends_on)
+        if confounded(one, other, LAW_CLASS.function):
+            # of one quantity it is a curve with an edge, or a function of what happened in this session
+            continue
         axes = fine_axes(problem, group)
         alike[tuple(len(axis.functions) for axis in axes)].append((group, axes))
     best: list[tuple[float, _Pair, Array]] = []
@@ -229,4 +245,6 @@ def _group(pair: _Pair, second: Array, cost: float) -> ProductGroup:
     basis = pair.functions[0] * (second @ pair.functions[1])
     alike = pair.group.alike if isinstance(pair.group, ProductGroup) else pair.group.tries
     tries = alike * float(np.exp(np.clip(cost, 0.0, np.log(np.finfo(float).max / alike))))
-    return ProductGroup(pair.group.units, (first, one), orders_of(first), basis[None], tries, alike=alike)
+    return ProductGroup(
+        pair.group.units, (first, one), orders_of(first), basis[None], tries, functions=pair.functions, alike=alike
+    )

@@ -23,8 +23,7 @@ from highside.diagnosis.laws.other_than_time import one_for_several, without_tim
 from highside.diagnosis.laws.pairs import elsewhere, further_pairs
 from highside.diagnosis.laws.policy import LAW_SEARCH
 from highside.diagnosis.laws.priors import Prior
-from highside.diagnosis.laws.products import ProductGroup, best_products, fitted_again, is_more_than
-from highside.diagnosis.laws.products_policy import PRODUCTS
+from highside.diagnosis.laws.products import best_products, is_more_than
 from highside.diagnosis.laws.state import State, names_alone, which, worth
 from highside.diagnosis.laws.steps import Steps
 
@@ -166,26 +165,12 @@ class Search(Steps):
                     start, least = made, made.less_tries - margin
         if start is best:
             return best
+        start = self._simpler(start)
         self._tried.update(t.group for t in start.terms)
         self.groups = [*self.groups, *(t.group for t in start.terms if t.group not in self.groups)]
         self.families = self.families.of(self.groups, self.families.barred)
         made = self._proved(self._grown(self._proved(start), relearn=True))
         return made if made.less_tries > best.less_tries + (start.less_tries - least) else best
-
-    def _with_product(self, terms: list[LawTerm], group: ProductGroup) -> State:
-        """These terms and a product, fitted anew beside the noise that is left of them."""
-        best: State | None = None
-        for _ in range(PRODUCTS.rounds + 1):
-            noise = best.noise if best else LawNoise.floor_alone(self.problem)
-            white = self._whitened(State([], noise, -np.inf, self.problem.residual))
-            group = group if best is None else fitted_again(white, terms, group)
-            _, priors = white.of_groups([group]).scores(terms, within=np.inf)
-            state = self._learn([*terms, LawTerm(group, priors[0])], self.problem.residual)
-            if best is not None and state.less_tries <= best.less_tries:
-                break
-            best = state
-        assert best is not None
-        return best
 
     def _from_between(self, best: State) -> State:
         """What was found, or what begins beside white noise between the floor and what was learnt, and does better."""

@@ -15,6 +15,8 @@ from highside.diagnosis.laws.learning import NoiseLearner
 from highside.diagnosis.laws.noise import LawNoise, Whitener
 from highside.diagnosis.laws.policy import LAW_SEARCH
 from highside.diagnosis.laws.problem import LawProblem, independent
+from highside.diagnosis.laws.products import ProductGroup, fitted_again
+from highside.diagnosis.laws.products_policy import PRODUCTS
 from highside.diagnosis.laws.state import State, which
 from highside.diagnosis.laws.variants import as_simple, variants_of
 
@@ -221,3 +223,28 @@ class Steps:
             _, without = self._noise(others, state.residual)
             costs.append(state.evidence - without - float(np.log(term.group.tries)))
         return costs
+
+    def _simpler(self, state: State) -> State:
+        """A state whose last term is a product, or that with a curve of one of its quantities where that comes near."""
+        *terms, product = state.terms
+        assert isinstance(product.group, ProductGroup)
+        made = [state]
+        for curve in product.group.curves():
+            _, priors = self._whitened(state).of_groups([curve]).scores(terms, within=np.inf)
+            made.append(self._learn([*terms, LawTerm(curve, priors[0])], self.problem.residual))
+        return max(made, key=lambda one: one.worth + (0.0 if one is state else LAW_SEARCH.simpler))
+
+    def _with_product(self, terms: list[LawTerm], group: ProductGroup) -> State:
+        """These terms and a product, fitted anew beside the noise that is left of them."""
+        best: State | None = None
+        for _ in range(PRODUCTS.rounds + 1):
+            noise = best.noise if best else LawNoise.floor_alone(self.problem)
+            white = self._whitened(State([], noise, -np.inf, self.problem.residual))
+            group = group if best is None else fitted_again(white, terms, group)
+            _, priors = white.of_groups([group]).scores(terms, within=np.inf)
+            state = self._learn([*terms, LawTerm(group, priors[0])], self.problem.residual)
+            if best is not None and state.less_tries <= best.less_tries:
+                break
+            best = state
+        assert best is not None
+        return best
