@@ -186,7 +186,9 @@ def test_poses_that_drift_by_a_part_of_a_step_of_a_coarse_converter_repeat_no_fr
     accel = np.round(accel / 6e-4) * 6e-4
     again = rng.choice(np.flatnonzero(within > 0), copies, replace=False)
     accel[:, again] = accel[:, again - 1]
-    found = duplicates({"t_s": 5.0 * np.arange(pose.size), "pose": pose * 1.0}, np.zeros(pose.size, dtype=bool), accel)
+    # on the way from pose to pose a row has no number, and is not among the readings
+    columns = {"pose": np.insert(pose.astype(float), [0, 9, 18], np.nan)}
+    found = duplicates(columns, ~np.isnan(columns["pose"]), accel)
     assert [f.check for f in found] == (["duplicated_frames"] if copies else [])
 
 

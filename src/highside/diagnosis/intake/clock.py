@@ -169,8 +169,8 @@ def duplicates(columns: Mapping[str, Array], held: NDArray[np.bool_], accel: Arr
         twice = int(np.sum(np.diff(columns["seq"]) == 0))
         p = chance(twice, n, CLOCK.stray)
     else:
-        pose = columns.get("pose")
-        twice, of, usual = _equal(accel) if pose is None else _equal_in_poses(accel, pose)
+        poses = "pose" in columns
+        twice, of, usual = _equal_in_poses(accel, columns["pose"][held]) if poses else _equal(accel)
         p = chance(twice, of, max(usual, CLOCK.stray))
     if twice and p < CLOCK.sure:
         words = f"{twice} frames are there twice: remove the copies"
