@@ -30,6 +30,7 @@ from highside.diagnosis.laws.evidence import LawTerm
 from highside.diagnosis.laws.groups import LawGroup
 from highside.diagnosis.laws.noise import LawNoise
 from highside.diagnosis.laws.policy import LAW_SEARCH
+from highside.diagnosis.laws.products import ProductGroup
 from highside.diagnosis.laws.search import Search
 from highside.diagnosis.laws.state import State
 
@@ -58,9 +59,10 @@ def _plain(name: str) -> str:
 
 
 def is_of(group: LawGroup, law: Law) -> bool:
-    """Whether a group is in the place of a law and follows what it follows."""
+    """Whether a group is in the place of a law and follows what it follows; a product is none, as it was made for what a
+    search found, and its worth is without what its second function costs."""
     same = sorted(map(_plain, group.depends_on)) == sorted(map(_plain, law.covariates))
-    return not group.effect and group.place == law.place and same
+    return not (group.effect or isinstance(group, ProductGroup)) and group.place == law.place and same
 
 
 def true_set(search: Search, laws: Sequence[Law], found: State) -> State | None:
