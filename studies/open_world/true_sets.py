@@ -59,7 +59,7 @@ def _plain(name: str) -> str:
 
 
 def is_of(group: LawGroup, law: Law) -> bool:
-    """Whether a group is in the place of a law and follows what it follows; a product is none, as it was made for what a
+    """Whether a group is in the place of a law and follows what it follows. No product is: it was made for what a
     search found, and its worth is without what its second function costs."""
     same = sorted(map(_plain, group.depends_on)) == sorted(map(_plain, law.covariates))
     return not (group.effect or isinstance(group, ProductGroup)) and group.place == law.place and same
