@@ -18,7 +18,7 @@ from highside.diagnosis.core.problem import ReportData
 from highside.diagnosis.core.result import DiagnosisResult, Fit, Remainder, Verdict
 from highside.diagnosis.law_answers import beside_laws, with_shares
 from highside.diagnosis.laws.claims import ReportedLaw, heldout_of
-from highside.diagnosis.laws.course import HeldRows
+from highside.diagnosis.laws.course import HeldRows, less_mean
 from highside.diagnosis.laws.found import Found
 from highside.diagnosis.laws.since_move import laws_since_move, without_laws
 from highside.diagnosis.poses.session import PoseSession, rows_of_poses
@@ -94,11 +94,11 @@ def _claimed(diagnosis: DiagnosisResult, model: ForwardModel, state: ChainState)
 def _within_poses(values: Array, rows: Sequence[Ints]) -> Array:
     """Values (3, N) at the rows of all poses in turn, each pose's mean off."""
     ends = np.cumsum([r.size for r in rows])[:-1]
-    return np.concatenate([v - v.mean(axis=1, keepdims=True) for v in np.split(values, ends, axis=1)], axis=1)
+    return np.concatenate([less_mean(own) for own in np.split(values, ends, axis=1)], axis=1)
 
 
 def _about_means(accel: Array, rows: Sequence[Ints]) -> float:
-    square = sum(float(np.sum((accel[:, r] - accel[:, r].mean(axis=1, keepdims=True)) ** 2)) for r in rows)
+    square = sum(float(np.sum(less_mean(accel[:, r]) ** 2)) for r in rows)
     return float(np.sqrt(square / (len(accel) * sum(r.size for r in rows))))
 
 

@@ -105,8 +105,8 @@ class ClockPolicy:
     """Rows on either side over which the motion from row to row is averaged. Source: chosen; of white noise a third is
     left, and a turn of 800 deg/s at 200 Hz goes on for 36 deg."""
     drifts: float = 3.0
-    """Standard errors of the slope of a pose's rows, from which they drift. Source: chosen; one pose in
-    370 by chance."""
+    """Standard errors of the slope of a pose's rows, from which they drift. Source: chosen; one pose in 370
+    by chance."""
     even: float = 1.5
     """Usual spacings; neighbours nearer than this follow one another. Source: halfway between the next row and the one
     after."""

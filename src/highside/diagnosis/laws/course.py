@@ -79,7 +79,7 @@ class Sums:
         """Of the functions of an axis."""
         gram, moments = [], []
         for pose, rows in enumerate(held.rows):
-            functions = _less_mean(axis.basis(held.since(pose)))
+            functions = less_mean(axis.basis(held.since(pose)))
             gram.append(functions @ functions.T)
             moments.append(held.accel[:, rows] @ functions.T)
         return cls(np.stack(gram), np.stack(moments, axis=1))
@@ -138,12 +138,12 @@ def course_in_common(held: HeldRows, simple: Array) -> list[tuple[Array, float]]
             sizes = turn @ ((turn.T @ np.einsum("jn,na->aj", own, moments).reshape(-1)) / size)
             weights = sizes.reshape(-1, len(own)) @ own
             for pose, r in enumerate(held.rows):
-                fitted[r] = weights[:, pose] @ _less_mean(axis.basis(held.since(pose)))
+                fitted[r] = weights[:, pose] @ less_mean(axis.basis(held.since(pose)))
         found.append((fitted, share if share <= LAW_COURSE.share else 0.0))
     return found
 
 
-def _less_mean(values: Array) -> Array:
+def less_mean(values: Array) -> Array:
     """(k, L) less the mean of each over L."""
     return np.asarray(values - values.mean(axis=1, keepdims=True))
 

@@ -60,12 +60,8 @@ class ProductGroup(LawGroup):
 
     def curves(self) -> list[LawGroup]:
         """The functions of each quantity alone, in its place."""
-        first, second = self.surface
-        values = (self.functions[0], self.functions[1])
-        return [
-            LawGroup(self.units, (axis,), orders_of(axis), own[None])
-            for axis, own in zip((first, second), values, strict=True)
-        ]
+        both = zip(self.surface, self.functions, strict=True)
+        return [LawGroup(self.units, (axis,), orders_of(axis), own[None]) for axis, own in both]
 
     @property
     def weights(self) -> Array:
@@ -142,7 +138,7 @@ def refined(pair: _Pair, start: Array) -> tuple[float, ProductGroup]:
 
 
 class _Beside:
-    """What is free and some terms, whitened, and the residual off them."""
+    """What is free (P, C, n) and some terms, whitened, and the whitened residual (C, n) off them."""
 
     def __init__(self, white: Whitened, terms: Sequence[LawTerm]) -> None:
         columns, prior = white.columns(list(terms))
