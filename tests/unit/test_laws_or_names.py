@@ -84,7 +84,7 @@ def test_a_covariate_that_is_the_same_quantity_is_in_the_class_though_it_is_not_
     assert not any("load_z" in group.depends_on for group in groups_of(problem))
     found = Search(problem).run()
     assert [term.group.depends_on for term in found.terms] == [("inc",)]
-    told = {group.depends_on for group in found.classes[0]}
+    told = {group.depends_on for group in found.class_of(0)}
     assert ("load_z",) in told
     assert ("temp",) not in told
 
@@ -238,7 +238,7 @@ def test_a_law_in_the_place_of_which_a_name_is_told_stays_in_its_class() -> None
     assert isinstance(term.group, EffectGroup)
     assert term.group.shape is not None
     assert 1290.0 < term.group.shape.values["t0"] <= 1320.0
-    assert [group.label for group in named.classes[0]] == ["bias_step", "offset_x_time"]
+    assert [group.label for group in named.class_of(0)] == ["bias_step", "offset_x_time"]
 
 
 def test_a_name_that_leaves_a_part_of_a_law_does_not_take_its_place() -> None:

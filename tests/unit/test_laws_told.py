@@ -54,7 +54,7 @@ def test_what_another_session_can_vary_stands_in_the_place_of_the_time() -> None
     found = found_in(state, effect, 4, frozenset({"scale"}))
     # as it lags or not: that is not to be known here
     assert [named(term.group)[0].split("_")[0] for term in found.terms] == ["temp"]
-    assert ("time",) in [named(group) for group in found.classes[0]]
+    assert ("time",) in [named(group) for group in found.class_of(0)]
 
 
 def test_what_the_time_alone_does_stays_a_law_of_the_time() -> None:
@@ -145,7 +145,7 @@ def test_a_law_that_predicts_worse_than_the_others_alone_goes() -> None:
     other = next(g for g in groups_of(found.problem) if g.place == "offset" and g.depends_on == ("inc",))
     # a curve as large as that follows the noise
     more = LawTerm(other, Prior(1e3, 1.0))
-    both = replace(found, terms=(*found.terms, more), gains=(*found.gains, 99.0), classes=(*found.classes, (other,)))
+    both = replace(found, terms=(*found.terms, more), gains=(*found.gains, 99.0), classes=(*found.classes, lambda: (other,)))
     assert heldout(both.whitened(), list(both.terms), len(found.terms)) < 0
     assert proved(both).terms == found.terms
 

@@ -34,7 +34,7 @@ def test_a_time_that_is_off_is_told_with_the_error_of_the_toolface_that_it_may_b
     floor = np.full((3, state.n), SIGMA)
     problem = chain_problem(model, state, residual, base, floor, places=OF_ROTATION)
     found = Search(problem).run()
-    (term,), (alike,) = found.terms, found.classes
+    (term,), alike = found.terms, found.class_of(0)
     told = [(g.place, frozenset(g.depends_on)) for g in alike]
     assert (term.group.place, frozenset(term.group.depends_on)) in told
     assert {("timing", frozenset({"temp"})), ("toolface", frozenset({"temp", "rate"}))} <= set(told)

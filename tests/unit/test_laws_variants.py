@@ -125,7 +125,7 @@ def test_effects_of_the_library_and_products_set_in_nowhere() -> None:
 def test_a_lean_of_the_level_and_an_error_of_the_inclination_are_one_class() -> None:
     state = session(13, 60)
     found = Search(problem_of(state, inclination_error(state, 4e-4 * np.sin(state.temp_c / 5)), 14)).run()
-    (own,) = found.classes
+    own = found.class_of(0)
     assert {(g.place, g.kind[1], g.depends_on) for g in own} >= {
         ("inclination", ("inc",), ("temp",)),
         ("level", ("x",), ("temp",)),
@@ -234,4 +234,4 @@ def test_a_place_that_does_what_another_does_is_tried_once_and_told() -> None:
     own = [g for g in groups_of(problem) if g.place == "inclination" and len(g.axes) == 1]
     found = Search(problem, own).run()
     assert kinds(found) == [("inclination", "inc", ("temp",))]
-    assert "level_x_temp" in [g.label for g in found.classes[0]]
+    assert "level_x_temp" in [g.label for g in found.class_of(0)]

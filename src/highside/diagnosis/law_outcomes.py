@@ -105,5 +105,5 @@ def _as_slow(found: Found, k: int, effect: str) -> bool:
     if effect:
         return library.get(effect).slow
     # at one inclination an element of the load matrix is an offset: what may be one is judged as one
-    shifts = any(group.place in OFFSETS for group in found.classes[k])
+    shifts = any(group.place in OFFSETS for group in found.class_of(k))
     return shifts and all(name in SLOW or lag_of(name) for name in found.terms[k].group.depends_on)

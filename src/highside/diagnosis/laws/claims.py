@@ -325,7 +325,7 @@ def named_claim(found: Found, k: int, effect: Effect, known: Mapping[str, float]
     for p in effect.shapes:
         at, s = (group.shape.values[p.name] if group.shape else p.default), float(of_shapes.get(p.name, 0.0))
         parameters[p.name] = FittedParameter(at, s, at - LAW_REPORT.sure * s, at + LAW_REPORT.sure * s, p.unit)
-    rivals = tuple(g.effect or f"{PREFIX}{g.label}" for g in found.classes[k])
+    rivals = tuple(g.effect or f"{PREFIX}{g.label}" for g in found.class_of(k))
     does = np.tensordot(mean[part], raw_columns(found.problem, [terms[k]]), 1)
     return Claim(
         effect=effect.id,
@@ -369,10 +369,10 @@ def _claim(
 ) -> Claim:
     group = terms[k].group
     strength = float(np.sum(white.whitener.white(effect[None]) ** 2))
-    labels = [f"{PREFIX}{g.label}" if not g.effect else g.effect for g in found.classes[k]]
+    labels = [f"{PREFIX}{g.label}" if not g.effect else g.effect for g in found.class_of(k)]
     rivals = tuple(law.id if label == f"{PREFIX}{group.label}" else label for label in labels)
     own = found.gains[k]
-    apart = [g for g in found.classes[k][1:] if not g.effect]
+    apart = [g for g in found.class_of(k)[1:] if not g.effect]
     # what set in stays, as far as one session tells: another need not vary its own time
     rivals_follow = {name for g in apart for name in g.depends_on} - set(law.depends_on)
     confirm = to_vary(law.lasting().depends_on, rivals_follow)

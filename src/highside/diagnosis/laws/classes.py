@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import cache, partial
 
 import numpy as np
 
-from highside.arrays import Array
 from highside.diagnosis.laws.classes_policy import LAW_CLASS
 from highside.diagnosis.laws.evidence import LawTerm, Whitened
 from highside.diagnosis.laws.groups import LAGGING, LawGroup, confounded, one_quantity, same_angle, values_of
@@ -15,12 +15,19 @@ from highside.diagnosis.laws.problem import LawProblem
 from highside.physics.covariates import lag_of
 from highside.physics.law import Axis, Function
 
+Class = Callable[[], tuple[LawGroup, ...]]
+"""the class of a law, sought when it is asked for first: most of what a search finds on its way is never told"""
 
-def class_of(
-    problem: LawProblem, groups: Sequence[LawGroup], white: Whitened, terms: list[LawTerm], k: int, gains: Array
-) -> tuple[LawGroup, ...]:
+
+def classes_of(white: Whitened, terms: Sequence[LawTerm]) -> tuple[Class, ...]:
+    """The class of each of these terms among all groups."""
+    return tuple(cache(partial(_class_of, white, list(terms), k)) for k in range(len(terms)))
+
+
+def _class_of(white: Whitened, terms: list[LawTerm], k: int) -> tuple[LawGroup, ...]:
     """Groups of which this session cannot tell one from another, one of each kind."""
-    own = terms[k].group
+    problem, groups, own = white.families.problem, white.families.groups, terms[k].group
+    gains, _ = white.scores([t for i, t in enumerate(terms) if i != k], within=LAW_CLASS.same_reproduced)
     does = white.left_of(terms, [k])
     best = float(gains.max())
     found: list[LawGroup] = [own, *_twins(problem, own)]

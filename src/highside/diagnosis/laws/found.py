@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from highside.arrays import Array
+from highside.diagnosis.laws.classes import Class
 from highside.diagnosis.laws.evidence import Families, LawTerm, Whitened
 from highside.diagnosis.laws.groups import LawGroup
 from highside.diagnosis.laws.learning import NoiseLearner
@@ -27,8 +28,8 @@ class Found:
     """restricted, with the noise learnt"""
     gains: tuple[float, ...]
     """of each term: nats that its removal costs with the noise learnt again"""
-    classes: tuple[tuple[LawGroup, ...], ...]
-    """of each term: the groups that this session cannot tell from it, the best first"""
+    classes: tuple[Class, ...]
+    """of each term what `class_of` tells"""
     residual: Array
     """(C, n) with values far from the fit clipped"""
     families: Families
@@ -59,6 +60,10 @@ class Found:
         others = [t for k, t in enumerate(self.terms) if k not in which]
         tries = sum(float(np.log(self.terms[k].group.tries)) for k in which)
         return self.evidence - self.learner.learn(others, self.residual)[1] - tries
+
+    def class_of(self, k: int) -> tuple[LawGroup, ...]:
+        """The groups that this session cannot tell from a term, that first."""
+        return self.classes[k]()
 
     def only(self, kept: Sequence[int]) -> Found:
         """These terms alone, with the noise learnt again."""

@@ -13,7 +13,7 @@ from itertools import combinations
 
 import numpy as np
 
-from highside.diagnosis.laws.classes import class_of
+from highside.diagnosis.laws.classes import classes_of
 from highside.diagnosis.laws.classes_policy import LAW_CLASS
 from highside.diagnosis.laws.effects import EffectGroup
 from highside.diagnosis.laws.evidence import LawTerm, Whitened
@@ -122,9 +122,6 @@ def _as_found(found: Found, names: Sequence[LawGroup]) -> Found:
     """The same with the gains of the terms and their classes, of which other `names` that were tried may be members."""
     noise, evidence = found.learner.learn(found.terms, found.residual)
     families = found.families.of([*found.families.groups, *names])
-    made, terms = replace(found, noise=noise, evidence=evidence, families=families), list(found.terms)
-    white = made.whitened()
-    within = LAW_CLASS.same_reproduced
-    scores = [white.scores([t for i, t in enumerate(terms) if i != k], within=within)[0] for k in range(len(terms))]
-    classes = tuple(class_of(made.problem, families.groups, white, terms, k, scores[k]) for k in range(len(terms)))
-    return replace(made, classes=classes, gains=tuple(made.gain_of([k]) for k in range(len(terms))))
+    made = replace(found, noise=noise, evidence=evidence, families=families)
+    gains = tuple(made.gain_of([k]) for k in range(len(made.terms)))
+    return replace(made, classes=classes_of(made.whitened(), made.terms), gains=gains)

@@ -10,7 +10,7 @@ import numpy as np
 
 from highside.arrays import Array
 from highside.diagnosis.laws.between import with_plain_temperature
-from highside.diagnosis.laws.classes import class_of
+from highside.diagnosis.laws.classes import classes_of
 from highside.diagnosis.laws.classes_policy import LAW_CLASS
 from highside.diagnosis.laws.edges import several_edges
 from highside.diagnosis.laws.evidence import LawTerm
@@ -414,14 +414,9 @@ class Search(Steps):
         if not self.problem.every_pair and (more := elsewhere(self.problem, self.groups, state.terms)):
             self.groups = [*self.groups, *more]
             self.families = self.families.of(self.groups, self.families.barred)
-        white = self._whitened(state)
         costs = self._costs(state)
         order = sorted(range(len(costs)), key=lambda k: -costs[k])
         terms = [state.terms[k] for k in order]
-        classes = []
-        for k in range(len(terms)):
-            gains, _ = white.scores([t for i, t in enumerate(terms) if i != k], within=LAW_CLASS.same_reproduced)
-            classes.append(class_of(self.problem, self.groups, white, terms, k, gains))
         own_gains = tuple(costs[k] for k in order)
         return Found(
             self.problem,
@@ -429,7 +424,7 @@ class Search(Steps):
             state.noise,
             state.evidence,
             own_gains,
-            tuple(classes),
+            classes_of(self._whitened(state), terms),
             state.residual,
             self.families,
         )

@@ -17,12 +17,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from highside.arrays import Array
 from highside.diagnosis.laws.chain import CHANNELS, OF_POSES, covariate_values, place_fields
 from highside.diagnosis.laws.claims import ReportedLaw, curve_of, reported_laws
+from highside.diagnosis.laws.classes import Class
 from highside.diagnosis.laws.course import (
     SINCE,
     Course,
@@ -77,14 +79,16 @@ def laws_since_move(held: HeldRows, state: ChainState, model: ForwardModel) -> t
     groups = [group for group in _courses(problem, course) if len(group.axes) > 1 or not drifts]
     found = Search(problem, groups, variants=False).run()
     # what follows something else as well contains the simple course, and is no rival of it
-    classes = tuple(
-        tuple(g for g in alike if len(t.group.axes) > 1 or g is t.group or len(g.axes) == 1)
-        for t, alike in zip(found.terms, found.classes, strict=True)
-    )
-    found = replace(found, classes=classes)
+    pairs = zip(found.terms, found.classes, strict=True)
+    found = replace(found, classes=tuple(partial(_no_wider, t.group, alike) for t, alike in pairs))
     if not found.terms:
         return None
     return [_with_course(one, found, course) for one in reported_laws(found, model.ids)], found
+
+
+def _no_wider(own: LawGroup, alike: Class) -> tuple[LawGroup, ...]:
+    """The class of a simple course without what follows something else as well."""
+    return tuple(g for g in alike() if len(own.axes) > 1 or g is own or len(g.axes) == 1)
 
 
 def _whole(held: HeldRows) -> Ints:
