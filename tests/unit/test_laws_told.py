@@ -145,7 +145,8 @@ def test_a_law_that_predicts_worse_than_the_others_alone_goes() -> None:
     other = next(g for g in groups_of(found.problem) if g.place == "offset" and g.depends_on == ("inc",))
     # a curve as large as that follows the noise
     more = LawTerm(other, Prior(1e3, 1.0))
-    both = replace(found, terms=(*found.terms, more), gains=(*found.gains, 99.0), classes=(*found.classes, lambda: (other,)))
+    classes = (*found.classes, lambda: (other,))
+    both = replace(found, terms=(*found.terms, more), gains=(*found.gains, 99.0), classes=classes)
     assert heldout(both.whitened(), list(both.terms), len(found.terms)) < 0
     assert proved(both).terms == found.terms
 

@@ -28,6 +28,13 @@ class FloorPolicy:
     longer: float = 1e-3
     """Probability of chance below which the variance of a longer stretch stands in place of a shorter one's. Source:
     ten lengths are tried; one session in a hundred is then given a floor that is too high."""
+    loud: float = 1e-4
+    """Probability of chance below which the rows of an interval scatter more than those of all others. Source: as
+    `chance`. One row of 36 that was off by 8 mg made the floor of one axis 2.1 mg, and hid laws of that size (law/214
+    of the open world of seed 7a20f8c3)."""
+    most_loud: float = 0.25
+    """Share of the intervals that may be. Source: chosen; where more are, noise changes over a session, or with a
+    vibration, and one floor stands for all."""
     overlap: float = 2 / 3
     """Degrees of freedom of a successive difference: neighbours share a mean. Source: von Neumann et al., Ann. Math.
     Statist. 12, 1941, for white noise."""

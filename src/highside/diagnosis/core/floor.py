@@ -113,19 +113,26 @@ def _error_of_means(step: float, left: Array, tf_rad: Array) -> float:
 
 
 def floor_of_means(values: Array, rows: Sequence[Ints]) -> NoiseFloor | None:
-    """The floor of the means of channels (C, N) over intervals `rows`; None where intervals have one row only."""
+    """The floor of the means of channels (C, N) over intervals `rows`; None where intervals have one row only.
+
+    An interval in which a channel scatters far more than in all others (a spike, a jump) has its own, and no part in
+    that of the others.
+    """
     count = np.array([r.size for r in rows], dtype=float)
     if not rows or np.median(count) < 2:
         return None
     sigma = np.empty((len(values), len(rows)))
     freedom = np.inf
     for c, channel in enumerate(values):
-        variance, known = _of_a_row(channel, rows)
+        loud = _loud(channel, rows)
+        variance, known = _of_a_row(channel, [r for k, r in enumerate(rows) if k not in loud])
         step = lattice_step(np.concatenate([channel[r] for r in rows]))
         mean = variance / count
         if variance < (FLOOR.dither * step) ** 2:
             # without dither the mean is as coarse as a reading
             mean = mean + rounding_variance(step)
+        for k, own in loud.items():
+            mean[k] = max(mean[k], own / count[k])
         sigma[c], freedom = np.sqrt(np.maximum(mean, FLOOR.least**2)), min(freedom, known)
     return NoiseFloor(sigma, freedom)
 
@@ -139,6 +146,34 @@ def floor_of_table(columns: Mapping[str, ArrayLike], at: Ints | slice = slice(No
     count = np.asarray(columns["n"], dtype=float)[at] if "n" in columns else np.ones(spread.shape[1])
     sigma = np.maximum(spread / np.sqrt(count), FLOOR.least)
     return NoiseFloor(sigma, float(np.sum(np.maximum(count - 1, 1))))
+
+
+def _loud(channel: Array, rows: Sequence[Ints]) -> dict[int, float]:
+    """The intervals in which a channel (N,) scatters more than in all others by more than chance, and the variance of a
+    row in each; no more than a share of them, beyond which all are of one kind."""
+    pairs = [_differences(channel[r]) for r in rows]
+    squares, known = np.array(pairs).T
+    kept, loud = np.ones(len(rows), dtype=bool), dict[int, float]()
+    while len(loud) < FLOOR.most_loud * len(rows):
+        own = np.where(kept & (known > 0), squares / np.maximum(known, 1), 0.0)
+        k = int(np.argmax(own))
+        kept[k] = False
+        others = float(squares[kept].sum()) / max(float(known[kept].sum()), 1.0)
+        freedom = FLOOR.overlap * known[k], FLOOR.overlap * float(known[kept].sum())
+        if own[k] <= 0.0 or others <= 0.0 or len(rows) * fdtrc(*freedom, own[k] / others) >= FLOOR.loud:
+            break
+        loud[k] = float(own[k])
+    return loud
+
+
+def _differences(values: Array) -> tuple[float, int]:
+    """The sum of squares of differences of rows (m,), of the second order where there are three, each of the variance
+    of a row; and how many they are."""
+    order = min(values.size - 1, 2)
+    if order < 1:
+        return 0.0, 0
+    # the variance of a first difference is twice, of a second six times that of a value
+    return float(np.sum(np.diff(values, order) ** 2)) / (2 if order == 1 else 6), values.size - order
 
 
 def _of_a_row(channel: Array, rows: Sequence[Ints]) -> tuple[float, float]:
@@ -157,11 +192,8 @@ def _of_a_row(channel: Array, rows: Sequence[Ints]) -> tuple[float, float]:
             parts = own.size // length
             if parts < 2:
                 continue
-            means = channel[own[: parts * length]].reshape(parts, length).mean(axis=1)
-            order = min(parts - 1, 2)
-            # the variance of a first difference is twice, of a second six times that of a mean
-            squares += float(np.sum(np.diff(means, order) ** 2)) / (2 if order == 1 else 6)
-            known += parts - order
+            more = _differences(channel[own[: parts * length]].reshape(parts, length).mean(axis=1))
+            squares, known = squares + more[0], known + more[1]
         if known < FLOOR.least_differences and length > 1:
             break
         if known:
