@@ -55,6 +55,31 @@ def sixteen() -> tuple[Array, Array, Array]:
     return inc, tf, np.asarray(gravity_direction(np.radians(inc), np.radians(tf)), dtype=float)
 
 
+def test_a_spike_or_a_jump_in_one_interval_makes_its_own_mean_uncertain_and_no_other() -> None:
+    rng = np.random.default_rng(5)
+    rows, channel = intervals(12, 3), 1e-4 * rng.standard_normal((1, 36))
+    plain = floor_of_means(channel, rows)
+    channel[0, 15] += 8e-3
+    spiked = floor_of_means(channel, rows)
+    assert plain is not None and spiked is not None
+    others = np.arange(12) != 5
+    assert np.all(spiked.sigma[0, others] < 1.5 * plain.sigma[0, others])
+    # the spike moves the mean by a third of itself
+    assert 8e-3 / 3 < 2 * spiked.sigma[0, 5] < 4 * 8e-3 / 3
+
+
+@pytest.mark.parametrize("rows", [2, 3, 8, 40])
+def test_of_white_rows_no_interval_is_louder_than_the_others(rows: int) -> None:
+    """One session in ten thousand by the threshold: of 300 more than two are none of chance (p = 4e-6)."""
+    rng = np.random.default_rng(6)
+    unlike = 0
+    for _ in range(300):
+        floor = floor_of_means(rng.standard_normal((1, 20 * rows)), intervals(20, rows))
+        assert floor is not None
+        unlike += bool(np.ptp(floor.sigma) > 0.0)
+    assert unlike <= 2
+
+
 def test_white_rows_repeat_to_their_root_and_correlated_ones_to_less() -> None:
     rng = np.random.default_rng(1)
     white = rng.standard_normal((1, 40 * 64))

@@ -153,6 +153,11 @@ class MagnitudeSessionsPolicy:
     """rad (5 deg); attitudes nearer to one another are one. Source: studies.thresholds, 0.04363 to 0.1745."""
     same_rad: float = float(np.radians(0.5))
     """rad (0.5 deg); readings of one attitude are this near. Source: studies.thresholds, 0.004363 to 0.01745."""
+    steep: float = 0.3
+    """g/rad; change of the magnitude with a turn, beyond which the sensor has changed and not turned. Source:
+    arithmetic; an offset of 0.2 g and a scale factor that differs by 0.1 between two axes make no more. A step along
+    an axis that is up to 55 deg from gravity makes 0.7 and more: of 24 and 50 mg at rest none was told (`hand` of the
+    open world of seed 7a20f8c3)."""
     smooth_s: float = 5.0
     """s; readings are averaged over this before stillness is judged. Source: studies.thresholds, 2.5 to 10."""
     min_rest_s: float = 45.0

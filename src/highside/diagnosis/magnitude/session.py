@@ -126,7 +126,8 @@ def magnitude_session(columns: Mapping[str, Array], accel_g: Array, *, gravity_m
     attitudes, found = _announced(accel_g, rows, rate_hz)
     still = sum(r.size for r in rows) / rate_hz
     means = np.stack([accel_g[:, r].mean(axis=1) for r in rows], axis=1)
-    blocks, group = _blocks(intervals, _attitudes(means, MAGNITUDE_SESSIONS.same_rad), rate_hz, still)
+    number = _attitudes(means, MAGNITUDE_SESSIONS.same_rad, MAGNITUDE_SESSIONS.distinct_rad)
+    blocks, group = _blocks(intervals, number, rate_hz, still)
     # an attitude that was held only for a moment has a level of its own and shows nothing over time
     long = np.bincount(group, minlength=len(rows)) >= MAGNITUDE_SESSIONS.min_share * len(blocks)
     blocks, group = [b for b, g in zip(blocks, group, strict=True) if long[g]], group[long[group]]
@@ -194,15 +195,24 @@ def _announced(accel_g: Array, rows: list[Ints], rate_hz: float) -> tuple[int, s
     return attitudes, f"{len(rows)} still intervals in {attitudes} attitudes, {still:.0f} s in all"
 
 
-def _attitudes(means: Array, apart_rad: float) -> Ints:
-    """Number of the attitude (n,) of each reading (3, n): that of the first one that points the same way."""
-    kept: list[Array] = []
+def _attitudes(means: Array, apart_rad: float, jump_rad: float = 0.0) -> Ints:
+    """Number of the attitude (n,) of each reading (3, n): that of the first one that points the same way.
+
+    Up to a turn of `jump_rad` a reading whose magnitude jumps by more than any turn explains has not turned: a step of
+    the sensor tilts its reading too.
+    """
+    kept: list[int] = []
+    direction, size = unit(means), np.linalg.norm(means, axis=0)
     number = np.empty(means.shape[1], dtype=np.intp)
-    for i, vector in enumerate(unit(means).T):
-        near = [k for k, other in enumerate(kept) if np.linalg.norm(vector - other) < apart_rad]
-        number[i] = near[0] if near else len(kept)
-        if not near:
-            kept.append(vector)
+    for i in range(means.shape[1]):
+        turned = [float(np.linalg.norm(direction[:, i] - direction[:, k])) for k in kept]
+        jumped = [
+            abs(float(size[i] - size[k])) > MAGNITUDE_SESSIONS.steep * t for k, t in zip(kept, turned, strict=True)
+        ]
+        near = [t < apart_rad or (t < jump_rad and jump) for t, jump in zip(turned, jumped, strict=True)]
+        number[i] = near.index(True) if any(near) else len(kept)
+        if not any(near):
+            kept.append(i)
     return number
 
 
