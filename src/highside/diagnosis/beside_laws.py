@@ -44,7 +44,15 @@ from highside.diagnosis.laws.policy import LAW_VERDICT
 from highside.diagnosis.laws.problem import LawProblem
 from highside.diagnosis.laws.search import Search
 from highside.diagnosis.name_groups import name_groups, resembled
-from highside.diagnosis.names_instead import alike_of, implausible, names_of, resized, sudden, with_names_instead
+from highside.diagnosis.names_instead import (
+    alike_of,
+    from_names,
+    implausible,
+    names_of,
+    resized,
+    sudden,
+    with_names_instead,
+)
 from highside.physics import effects as library
 from highside.physics.forward import ForwardModel
 from highside.physics.law import PREFIX, Law
@@ -276,11 +284,11 @@ def _chosen(
         # a law of the same covariate in the same place says more than the name: the name is a case of it
         laws_alone = [t for t in chosen.terms if t.group.effect not in cases]
         chosen = search.beside([t.group for t in laws_alone if t.group.effect], laws_alone)
-    found = with_names_instead(session, model, chosen, [c.effect for c in claims], refused)
-    staying = {t.group.effect for t in chosen.terms if t.group.effect}
+    found = from_names(session, model, search, chosen, refused)
+    found = with_names_instead(session, model, found, [c.effect for c in claims], refused)
+    staying = {t.group.effect for t in found.terms if t.group.effect}
     names = [c for c in claims if c.effect in staying]
-    if found is not chosen:
-        names += [c for c in names_of(found, model) if c.effect not in staying]
+    names += [c for c in names_of(found, model) if c.effect not in {own.effect for own in names}]
     left = proved(found)
     told, ahead = with_free_rivals(names, left)
     if not names and _is_beyond_first_order(session, bare, left):
@@ -379,6 +387,7 @@ def _alone(
             break
     if not found.terms:
         return Outcome((), (), found)
+    found = from_names(session, model, search, found, refused)
     found = proved(with_names_instead(session, model, unproved := found, offered, refused))
     if not found.terms and any(len(t.group.axes) > 1 for t in unproved.terms):
         # a surface may reproduce a few values and predict none of them: what curves do is behind it, and may be right

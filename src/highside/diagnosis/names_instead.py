@@ -11,7 +11,11 @@ from highside.diagnosis.core.result import Claim
 from highside.diagnosis.law_sessions import LawSession
 from highside.diagnosis.laws.claims import effects_of, named_claim
 from highside.diagnosis.laws.found import Found
+from highside.diagnosis.laws.groups import LawGroup
 from highside.diagnosis.laws.instead import names_instead
+from highside.diagnosis.laws.policy import LAW_SEARCH, LAW_VERDICT
+from highside.diagnosis.laws.search import Search
+from highside.diagnosis.laws.state import worth
 from highside.diagnosis.name_groups import name_groups, resembled
 from highside.physics import effects as library
 from highside.physics.forward import ForwardModel
@@ -36,6 +40,29 @@ def with_names_instead(
         return bool(claim.stable) and not implausible(claim)
 
     return names_instead(found, offered, believed)
+
+
+def from_names(
+    session: LawSession, model: ForwardModel, search: Search, found: Found, refused: frozenset[str]
+) -> Found:
+    """What a search of stepped sessions found, or what begins with names alone, of all that the library has, goes on
+    among names and laws, and does better; none of those `refused`.
+
+    Of several effects a curve or a surface holds parts of two, and bars the names of both.
+    """
+    laws = [term.group for term in found.terms if not term.group.effect]
+    several = len(found.terms) > 1 or any(len(group.axes) > 1 for group in laws)
+    if not (found.problem.every_pair and laws and several):
+        return found
+    offered = [name for name in library.all_effects() if name not in refused]
+    names: list[LawGroup] = [group for name in offered for group in name_groups(session, model, name)]
+    start = Search(search.problem, names, variants=False).run()
+    own, least = {term.group.effect for term in start.terms}, worth(found.evidence, found.terms)
+    if worth(start.evidence, start.terms) < least - LAW_SEARCH.hopeless:
+        return found
+    made = search.beside_names([g for g in names if g.effect in own]).resumed(start)
+    ahead = worth(made.evidence, made.terms) >= least + LAW_VERDICT.margin
+    return made if ahead and all(claim.stable and not implausible(claim) for claim in names_of(made, model)) else found
 
 
 def names_of(found: Found, model: ForwardModel) -> tuple[Claim, ...]:
