@@ -106,10 +106,10 @@ class Search(Steps):
             one = self._from_pairs(one)
         one = self._from_its_noise(one)
         one = self._from_products(one) if self._variants else one
-        if self.problem.every_pair and one.noise.remembers:
-            one = self._from_edges(one)
         if not self._variants:
             return self._found(one)
+        if self.problem.every_pair and one.noise.remembers:
+            one = self._from_edges(one)
         one = one if self._needs_no_onset(one) else self._from_onsets(one)
         return self._found(self._without_time(self._beside_less_noise(one)))
 
