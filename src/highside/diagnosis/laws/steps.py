@@ -100,11 +100,13 @@ class Steps:
     def _varied(self, state: State, terms: list[LawTerm]) -> list[LawTerm]:
         """Each term, or a variant of it that gains more beside the others: with an onset, or of finer functions."""
         for k, term in enumerate(terms):
-            if term.group in self._tried or not self._variants:
+            if term.group in self._tried:
                 continue
             self._tried.add(term.group)
             if isinstance(term.group, EffectGroup):
                 terms = self._sharpened(state, terms, k)
+                continue
+            if not self._variants:
                 continue
             variants = variants_of(self.problem, term.group)
             between = between_of(self.problem, term.group)
