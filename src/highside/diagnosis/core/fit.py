@@ -280,8 +280,9 @@ def _intervals(
             value = float(fitted.get_free([name])[0])
             low, high = parameter.gate
             if name in names and precision.undetermined[names.index(name)]:
-                # the recording says nothing of it beyond what is plausible
+                # the recording says nothing of it beyond what is plausible, but that the smallest explanation is not
                 table[parameter.name] = FittedParameter(value, (high - low) / np.sqrt(12), low, high, parameter.unit)
+                implausible += [] if low <= value <= high else [name]
                 continue
             error = float(std[names.index(name)]) if name in names else 0.0
             table[parameter.name] = FittedParameter(
