@@ -21,6 +21,7 @@ CHECKS = {
     "clock_step": said_later("the clock steps"),
     "constant_channel": said_later("a channel that does not change"),
     "duplicated_frames": said_later("duplicated frames"),
+    "exchanged_poses": said_later("two poses whose angles were exchanged"),
     "impulses": said_later("impulses"),
     "inverted_axis": said_later("an axis with its sign turned"),
     "missing_column": said_later("a missing column"),

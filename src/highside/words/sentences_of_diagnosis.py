@@ -45,6 +45,11 @@ ANSWERS = (
         "what acts there alone cannot be told from a fault"
     ),
     said_later("pose %(pose)s of %(count)s, at inclination %(inc)s and toolface %(tf)s deg"),
+    said_later("pose %(pose)s, at inclination %(inc)s and toolface %(tf)s deg"),
+    said_later(
+        "poses %(one)s and %(other)s read as each other should: with their angles exchanged the misfit falls from "
+        "%(before)s to %(after)s g rms. Both were left out: look at what was written down"
+    ),
     said_later("reading %(reading)s of %(count)s, at %(time)s s"),
     said_later("it would show from %(size)s on, and is not plausible beyond %(most)s"),
     said_later("whatever its size, it is absorbed by %(names)s"),

@@ -145,3 +145,28 @@ class OutlyingPolicy:
 
 
 OUTLYING = OutlyingPolicy()
+
+
+@dataclass(frozen=True)
+class ExchangedPolicy:
+    """Two poses whose set angles were exchanged."""
+
+    least: int = 12
+    """Poses from which a pair can be told from the others. Source: chosen; ten of them determine what is free."""
+    tried: int = 20
+    """Pairs with which the base is fitted again. Source: chosen; of three pairs exchanged in 60 poses, by 0.03 to 60
+    deg, the right one was the first of all without it."""
+    most: int = 2
+    """Pairs, at most: of more the whole order is in doubt. Source: chosen."""
+    gain: float = 12.0
+    """Nats that the exchange must gain beyond what the number of pairs makes by chance. Source: as
+    `LawSearchPolicy.gain`."""
+    falls: float = 2.0
+    """Times by which the rms that is left falls, at least. Source: chosen; physics that acts in most poses leaves more
+    than half of itself whichever two are exchanged."""
+    like_others: float = 4.0
+    """Size of what is then left of the two, in that of the median pose, at most. Source: as `sigma` of three readings
+    each, whose median size is 1.5 standard deviations."""
+
+
+EXCHANGED = ExchangedPolicy()

@@ -19,6 +19,7 @@ from highside.diagnosis.core.floor import NoiseFloor, floor_of_means, floor_of_t
 from highside.diagnosis.core.observed import Observed
 from highside.diagnosis.core.outlying import outlying_findings
 from highside.diagnosis.core.result import Finding
+from highside.diagnosis.poses.exchanged import exchanged_pairs
 from highside.diagnosis.poses.policy import POSE_SESSIONS
 from highside.diagnosis.poses.within import moving_pose, within_poses
 from highside.errors import InputError
@@ -67,6 +68,12 @@ class PoseSession:
     expected: int = 0
     """stops that the reference has"""
     rows: HeldRows | None = None
+    numbers: tuple[float, ...] = ()
+    """of the poses in the recording's own column, if it has one"""
+
+    def label(self, pose: int) -> str:
+        """The number of a pose as the recording has it, else counted from 1, of how many."""
+        return f"{self.numbers[pose]:g}" if self.numbers else f"{pose + 1} of {self.n}"
 
     @property
     def n(self) -> int:
@@ -83,25 +90,49 @@ class PoseSession:
             scatter=None if self.scatter is None else self.scatter[:, poses],
             floor=None if self.floor is None else NoiseFloor(self.floor.sigma[:, poses], self.floor.freedom),
             rows=None if self.rows is None else self.rows.select(poses),
+            numbers=tuple(self.numbers[k] for k in poses) if self.numbers else (),
         )
 
 
 def without_outlying_poses(
     session: PoseSession, model: ForwardModel, free: Sequence[str]
 ) -> tuple[PoseSession, tuple[Finding, ...]]:
-    """The session without the poses that do not belong to the others, and a finding for each of them."""
+    """The session without the poses that do not belong to the others, and a finding for each of them; first those whose
+    angles were exchanged."""
+    session, exchanged = _without_exchanged(session, model, free)
     observed = Observed(session.state, session.mean)
     fitted, residual = base_fit(model, observed, free)
     columns = observed.jacobian(fitted, fitted.free_names(list(free)))
 
     def place(pose: int) -> str:
         inc, tf = np.degrees(session.state.inc_rad[pose]), np.degrees(session.state.tf_rad[pose]) % 360.0
-        return f"pose {pose + 1} of {session.n}, at inclination {inc:.4g} and toolface {tf:.4g} deg"
+        return f"pose {session.label(pose)}, at inclination {inc:.4g} and toolface {tf:.4g} deg"
 
     state = session.state
     covariates = (state.temp_c, state.vibration_rms_g, *state.extra.values())
     out, findings = outlying_findings(residual, columns, ("ax", "ay", "az"), place, covariates)
-    return (session.select(np.setdiff1d(np.arange(session.n), out)), findings) if out else (session, ())
+    kept = session.select(np.setdiff1d(np.arange(session.n), out)) if out else session
+    return kept, (*exchanged, *findings)
+
+
+def _without_exchanged(
+    session: PoseSession, model: ForwardModel, free: Sequence[str]
+) -> tuple[PoseSession, tuple[Finding, ...]]:
+    """The session without the poses that read as each other should, and a finding for each pair."""
+    pairs = exchanged_pairs(session.state, session.mean, model, free)
+    findings = tuple(
+        Finding(
+            "exchanged_poses",
+            ("ax", "ay", "az"),
+            0.0,
+            f"poses {session.label(one)} and {session.label(other)} read as each other should: with their angles "
+            f"exchanged the misfit falls from {before:.3g} to {after:.3g} g rms. Both were left out: look at what was "
+            "written down",
+        )
+        for (one, other), before, after in pairs
+    )
+    out = [pose for pair, _, _ in pairs for pose in pair]
+    return (session.select(np.setdiff1d(np.arange(session.n), out)) if out else session), findings
 
 
 def pose_session(
@@ -163,7 +194,8 @@ def pose_session(
     if floor is None and all(rows.size == 1 for rows in groups):
         floor = floor_of_table(columns, np.concatenate(groups))
     rows = HeldRows.of(accel_g, groups, columns["t_s"])
-    return PoseSession(mean, count, state, scatter, floor, within, _stops(columns), rows)
+    numbers = tuple(each("pose", "median")) if "pose" in columns else ()
+    return PoseSession(mean, count, state, scatter, floor, within, _stops(columns), rows, numbers)
 
 
 def _floor_beside(accel_g: Array, groups: list[NDArray[np.intp]], moved: int) -> NoiseFloor | None:
