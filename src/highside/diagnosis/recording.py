@@ -19,7 +19,7 @@ from highside.diagnosis.core.problem import ReportData
 from highside.diagnosis.core.result import DiagnosisResult, Finding
 from highside.diagnosis.engine import diagnose_magnitudes, diagnose_poses, diagnose_rotation, diagnose_simulation
 from highside.diagnosis.held_poses import with_since_move, without_since_move
-from highside.diagnosis.intake.checks import Intake, check, missing_rows
+from highside.diagnosis.intake.checks import Intake, check, missing_rows, poses_off
 from highside.diagnosis.intake.clipped import with_clipping, without_clipped_poses, without_meaning
 from highside.diagnosis.intake.long import check_stretches
 from highside.diagnosis.poses.session import PoseSession, pose_session, without_outlying_poses
@@ -30,6 +30,7 @@ from highside.physics.effects.dropped_frames import EFFECT as DROPPED_FRAMES
 from highside.physics.effects.gyro_bias import EFFECT as GYRO_BIAS
 from highside.physics.effects.gyro_scale import EFFECT as GYRO_SCALE
 from highside.physics.forward import ForwardModel
+from highside.physics.gravity import gravity_direction
 from highside.physics.plan import Site
 from highside.physics.state import differences
 from highside.words.said import said
@@ -210,6 +211,10 @@ def _poses(request: Request) -> Answer:
         session = poses(accel)
     except InputError as error:
         raise _of_recording(request, error) from None
+    sure = without_outlying_poses(session, request.forward, request.free)[0]
+    expected = np.asarray(gravity_direction(sure.state.inc_rad, sure.state.tf_rad), dtype=float)
+    if (off := poses_off(sure.mean, expected, sure.label)) is not None:
+        return _bad_data(request, replace(found, findings=(*found.findings, off)))
     if request.method.laws:
 
         def of_means(made: PoseSession) -> DiagnosisResult:

@@ -85,6 +85,9 @@ SAID = (
     said_later("readings oscillate at %(rate)s Hz while a pose is held"),
     said_later("%(name)s by %(size)s ug"),
     said_later("turn for 20 s each: %(stretches)s; otherwise: %(what)s"),
+    said_later(
+        "poses %(poses)s read more than 0.2 g off their angles: look at what was written down, and at their rows"
+    ),
     said_later("steady %(rate)s deg/s at inclination %(inc)s deg"),
     said_later("ramps of 1 s between standstill and %(rate)s deg/s at inclination %(inc)s deg"),
     said_later("a vibration of %(rate)s Hz comes and goes on %(names)s"),

@@ -8,7 +8,7 @@ the fault the name of some effect, and be very sure of it. Others are reported a
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -79,7 +79,7 @@ def check(
         clipped = {c: found for c in range(3) if (found := _clipping(accel[c], expected[c]))}
         # a channel that is mostly flat follows no axis map
         mostly = any(share >= CHECKS.clipped_share for share, _, _ in clipped.values())
-        frames = [] if mostly else _axes(accel, reference, axes)
+        frames = [] if mostly else _axes(accel, reference, axes, 0.0 if every_row else CHECKS.few_off)
         if frames:
             return _spoiled([*time, *frames])
     spoiling = [finding for finding, spoils in clock if spoils]
@@ -165,6 +165,18 @@ def _reference(columns: Mapping[str, Array]) -> Array:
     return np.asarray(gravity_direction(np.radians(columns["inc_ref_deg"]), np.radians(tf)), dtype=float)
 
 
+def poses_off(mean: Array, expected: Array, label: Callable[[int], str]) -> Finding | None:
+    """The poses whose readings (3, n) are far off what their angles say, by the numbers that `label` gives them, where
+    the readings of all do not follow the angles for them."""
+    square = np.sum((mean - expected) ** 2, axis=0)
+    off = np.flatnonzero(square > CHECKS.off_g2)
+    if square.mean() < CHECKS.follows_g**2 or not off.size:
+        return None
+    named = ", ".join(label(int(pose)) for pose in off[: CHECKS.listed]) + (", ..." if off.size > CHECKS.listed else "")
+    words = f"poses {named} read more than 0.2 g off their angles: look at what was written down, and at their rows"
+    return Finding("not_gravity", CHANNELS, chance(off.size, mean.shape[1], CLOCK.stray), words)
+
+
 def _unit(accel: Array) -> Finding | None:
     """The size of gravity tells the unit."""
     size = float(np.median(np.linalg.norm(accel, axis=0)))
@@ -180,8 +192,9 @@ def _unit(accel: Array) -> Finding | None:
     return Finding("wrong_unit", CHANNELS, chance(away, accel.shape[1], CLOCK.stray), words)
 
 
-def _axes(accel: Array, reference: Array, axes: Sequence[tuple[int, float]]) -> list[Finding]:
-    """Search all 48 signed permutations of the channels for the one that follows the bench."""
+def _axes(accel: Array, reference: Array, axes: Sequence[tuple[int, float]], few: float) -> list[Finding]:
+    """Search all 48 signed permutations of the channels for the one that follows the bench; nothing where no more than
+    a share `few` of the rows is off it."""
     tool = np.stack([sign * accel[channel] for channel, sign in axes])
     now = np.sum((tool - reference) ** 2, axis=0)
     best: tuple[float, tuple[int, ...], tuple[int, ...]] = (np.inf, (0, 1, 2), (1, 1, 1))
@@ -192,7 +205,7 @@ def _axes(accel: Array, reference: Array, axes: Sequence[tuple[int, float]]) -> 
     misfit, order, signs = best
     n = accel.shape[1]
     level = np.sqrt(now.mean())
-    if level < CHECKS.follows_g:
+    if level < CHECKS.follows_g or np.mean(now > CHECKS.off_g2) < few:
         return []
     better = np.sum((np.array(signs)[:, None] * tool[list(order)] - reference) ** 2, axis=0)
     wins = int(np.sum(better < now))

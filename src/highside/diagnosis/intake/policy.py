@@ -40,6 +40,11 @@ class ChecksPolicy:
     off_g2: float = 0.04
     """G^2; a reading off by more counts against the angles. Source: 0.2 g squared: 11.5 deg of an angle, more than any
     bench or misalignment is off."""
+    few_off: float = 0.2
+    """Share of the rows of stops, below which those that are off so far say nothing of the axes: each stop is looked at
+    by itself. Source: chosen; with an axis turned half of the attitudes are."""
+    listed: int = 8
+    """Poses that are listed by their numbers. Source: chosen; a person reads them."""
     load_steps: int = 10
     """Converter steps by which loads must differ to be different. Source: studies.thresholds, 5 to 20."""
     load_g: float = 2e-3

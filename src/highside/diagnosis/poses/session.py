@@ -194,7 +194,9 @@ def pose_session(
     if floor is None and all(rows.size == 1 for rows in groups):
         floor = floor_of_table(columns, np.concatenate(groups))
     rows = HeldRows.of(accel_g, groups, columns["t_s"])
-    numbers = tuple(each("pose", "median")) if "pose" in columns else ()
+    # of a table without such a column the rows are counted
+    counted = len(groups) == columns["t_s"].size and "pose" in columns and np.ptp(columns["pose"] - table["pose"]) == 0
+    numbers = () if counted or "pose" not in columns else tuple(each("pose", "median"))
     return PoseSession(mean, count, state, scatter, floor, within, _stops(columns), rows, numbers)
 
 
