@@ -12,7 +12,7 @@ from highside.diagnosis.core.result import Claim, DiagnosisResult
 from highside.physics.covariates import covariate, lag_of, parted
 from highside.physics.law import AGAIN, Law
 from highside.physics.places import PLACES
-from highside.report.diagnosis_words import effect_name, sizes, within_sentence
+from highside.report.diagnosis_words import effect_name, period_s, sizes, within_sentence
 from highside.words import _, from_to, said_later, told
 
 __all__ = [
@@ -73,6 +73,9 @@ def claim_title(claim: Claim) -> str:
 def law_words(claim: Claim) -> str:
     """What a law does and follows, and since when if it set in midway."""
     law, any_lag = None if claim.law is None else Law.from_dict(claim.law), _of_any_lag(claim)
+    if (period := period_s(claim)) is not None:
+        what = _place_words(claim.place, claim.channels)
+        return _("%(law)s that oscillates with a period of %(period)s s", law=what, period=f"{period:.4g}")
     if law is None or law.sets_in_s is None:
         return _law_words(claim.place, claim.channels, claim.depends_on, any_lag)
     words = _law_words(claim.place, claim.channels, law.lasting().depends_on, any_lag)

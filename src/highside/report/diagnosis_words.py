@@ -10,6 +10,7 @@ from highside.diagnosis.core.result import Claim, DiagnosisResult, Fit, Location
 from highside.physics.covariates import COVARIATES
 from highside.physics.effect import Stage
 from highside.physics.effects import all_effects, title_of
+from highside.physics.law import Law
 from highside.report.parameter_names import parameter_name
 from highside.words import _, from_to, language, said_later, told
 
@@ -72,8 +73,18 @@ THE_SENSOR = said_later("the sensor")
 """Who is to blame for what acts at a stage; the sensor for the others."""
 
 
-def _a_curve() -> str:
-    return _("a curve")
+def _shape_of(claim: Claim) -> str:
+    """The shape of a law without a formula."""
+    period = period_s(claim)
+    return _("a curve") if period is None else _("a sine of %(period)s s", period=f"{period:.4g}")
+
+
+def period_s(claim: Claim) -> float | None:
+    """The period of a law that is a wave of time, s; None of every other claim."""
+    axes = () if claim.law is None else Law.from_dict(claim.law).axes
+    if len(axes) != 1 or axes[0].covariate != "time" or axes[0].functions[0].kind not in ("sine", "cosine_of"):
+        return None
+    return axes[0].functions[0].numbers[0]
 
 
 def effect_name(effect_id: str) -> str:
@@ -236,7 +247,7 @@ def sizes(claim: Claim, *, named: bool = False) -> str:
         factor, unit = scale_of(max(abs(size), std), unit)
         low_high = f" (+-{rounded(2 * factor * std, factor * std)})" if std > 0 else ""
         number = f"{rounded(factor * size, factor * std)} {unit}".rstrip()
-        return f"{number}{low_high}{what}: {claim.formula or _a_curve()}"
+        return f"{number}{low_high}{what}: {claim.formula or _shape_of(claim)}"
     for name, p in claim.parameters.items():
         factor, unit = scale_of(max(abs(p.value), p.std), p.unit)
         # what a magnitude leaves open is wider than any noise: digits below a hundredth of it say nothing

@@ -14,7 +14,7 @@ import numpy as np
 
 from highside.arrays import Array
 from highside.diagnosis.laws.evidence import Families, LawTerm, Whitened
-from highside.diagnosis.laws.groups import LawGroup, axis_of, distinct_of, product_of, values_of
+from highside.diagnosis.laws.groups import LawGroup, axis_of, distinct_of, is_wave, product_of, values_of, wave_of
 from highside.diagnosis.laws.noise import Whitener
 from highside.diagnosis.laws.policy import LAW_GROUPS, LAW_LAGS, LAW_SEARCH
 from highside.diagnosis.laws.priors import Prior
@@ -59,7 +59,7 @@ def between_of(problem: LawProblem, group: LawGroup) -> list[list[LawGroup]]:
     """Sets of laws, of each of which the best is sought between its members too."""
     if group.effect:
         return []
-    one_order = [group] if _fraction(group) else []
+    one_order = [group] if _fraction(group) or period_of(group) else []
     return [tried for tried in (lagging(problem, group), alone(problem, group), one_order) if tried]
 
 
@@ -67,6 +67,12 @@ def _fraction(group: LawGroup) -> float:
     """The order of the toolface of a law of one that is no whole number; 0 of every other."""
     first = group.axes[0].functions[0]
     return first.numbers[0] if group.depends_on == ("tf_fraction",) and first.kind in ("cos", "sin") else 0.0
+
+
+def period_of(group: LawGroup) -> float:
+    """The period in s of an offset that is a wave of time; 0 of every other law."""
+    axis = group.axes[0]
+    return axis.functions[0].numbers[0] if axis.covariate == "time" and is_wave(axis) else 0.0
 
 
 def best_between(
@@ -117,6 +123,10 @@ def _near(problem: LawProblem, group: LawGroup, step: float) -> list[LawGroup]:
     if order := _fraction(group):
         away = LAW_GROUPS.fraction_step * step * np.arange(-LAW_LAGS.each_side, LAW_LAGS.each_side + 1)
         made += [_of_order(problem, group, order + float(one)) for one in away if one]
+    if period := period_of(group):
+        span = group.axes[0].high - group.axes[0].low
+        away = LAW_GROUPS.wave_step * step * np.arange(-LAW_LAGS.each_side, LAW_LAGS.each_side + 1)
+        made += [_of_functions(problem, group, wave_of(span / (span / period + float(one)))) for one in away if one]
     if not isinstance(problem.covariates, CovariateValues):
         return [one for one in made if one is not None]
     for k, axis in enumerate(group.axes):
@@ -128,7 +138,11 @@ def _near(problem: LawProblem, group: LawGroup, step: float) -> list[LawGroup]:
 
 
 def _of_order(problem: LawProblem, group: LawGroup, order: float) -> LawGroup:
-    axis = replace(group.axes[0], functions=tuple(Function(f.kind, (order,)) for f in group.axes[0].functions))
+    return _of_functions(problem, group, tuple(Function(f.kind, (order,)) for f in group.axes[0].functions))
+
+
+def _of_functions(problem: LawProblem, group: LawGroup, functions: tuple[Function, ...]) -> LawGroup:
+    axis = replace(group.axes[0], functions=functions)
     return replace(group, axes=(axis,), basis=product_of(problem, group.units, [axis]))
 
 

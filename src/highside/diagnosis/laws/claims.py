@@ -17,7 +17,7 @@ from highside.diagnosis.laws.effects import EffectGroup
 from highside.diagnosis.laws.evidence import LawTerm, Whitened, raw_columns
 from highside.diagnosis.laws.formulas import Closed, closed_form
 from highside.diagnosis.laws.found import Found
-from highside.diagnosis.laws.groups import LawGroup, values_of
+from highside.diagnosis.laws.groups import LawGroup, is_wave, values_of
 from highside.diagnosis.laws.nested import joined, nested
 from highside.diagnosis.laws.policy import LAW_REPORT
 from highside.diagnosis.laws.products import ProductGroup, coefficients_of
@@ -379,7 +379,8 @@ def _claim(
     words = " and ".join(covariate(name).title for name in group.depends_on)
     formula = closed.text or None if closed is not None else None
     rms, rms_std = size_beside_free(white, effect, group.channels)
-    shapes = tuple(f.kind for axis in law.axes for f in axis.functions) if law.formula else ()
+    closed_form = law.formula or any(map(is_wave, group.axes))
+    shapes = tuple(f.kind for axis in law.axes for f in axis.functions) if closed_form else ()
     return Claim(
         effect=law.id,
         story=f"{law.at.title}, following {words}: no effect of the library, a law learnt from this recording.",

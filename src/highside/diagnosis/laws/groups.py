@@ -55,6 +55,8 @@ PAIRED = (
 """Pairs of covariates whose products are tried, where a session does not ask for every pair."""
 SETS_IN = ("step", "ramp", "decay")
 """functions that begin at some value"""
+WAVE = ("sine", "cosine_of")
+"""functions of one period"""
 ONE_QUANTITY = (
     frozenset({"tf", "tf_fraction"}),
     frozenset({"inc", "load_z"}),
@@ -149,6 +151,15 @@ class Bases:
         shapes += [Function("decay", (float(at), s * (high - low))) for at in (low, *knots) for s in LAW_GROUPS.decays]
         return [Axis("time", low, high, (shape,)) for shape in shapes]
 
+    @cached_property
+    def waves(self) -> list[Axis]:
+        """Waves of time, from those that the cosines of a curve do not follow to those that a pose averages away."""
+        t = self.problem.covariates["time"]
+        low, high = float(t.min()), float(t.max())
+        counts = LAW_GROUPS.wave_step * np.arange(1, LAW_GROUPS.waves + 1) + LAW_GROUPS.cosines / 2
+        periods = (high - low) / counts[counts <= LAW_GROUPS.a_value * np.unique(t).size]
+        return [Axis("time", low, high, wave_of(float(period))) for period in periods]
+
     def group(self, units: tuple[PlaceField, ...], axes: tuple[Axis, ...], order: Array, tries: float = 1) -> LawGroup:
         """The functions of axes in a place; units that know the same values share them."""
         differs = any(self.problem.covariates[axis.covariate].ndim == 2 for axis in axes)
@@ -157,6 +168,16 @@ class Bases:
             made = product_of(self.problem, units if differs else units[:1], axes)
             self._of[key] = np.broadcast_to(made, (len(units), *made.shape[1:]))
         return LawGroup(units, axes, order, self._of[key], tries)
+
+
+def wave_of(period: float) -> tuple[Function, ...]:
+    """A sine and a cosine of one period."""
+    return tuple(Function(kind, (period,)) for kind in WAVE)
+
+
+def is_wave(axis: Axis) -> bool:
+    """Whether it is a sine and a cosine of one period."""
+    return tuple(function.kind for function in axis.functions) == WAVE
 
 
 def groups_of(problem: LawProblem) -> list[LawGroup]:
@@ -346,10 +367,13 @@ def _shapes(units: tuple[PlaceField, ...], bases: Bases) -> Iterator[LawGroup]:
 
 
 def _in_time(units: tuple[PlaceField, ...], bases: Bases) -> Iterator[LawGroup]:
-    """Steps, ramps and decays."""
+    """Steps, ramps and decays; of an offset in poses a wave."""
     if any(name == "time" for name, _, _ in bases.varying(units)):
         for axis in bases.in_time:
             yield bases.group(units, (axis,), np.zeros(1), len(bases.in_time))
+        # over the rows of a rotation it is an effect of the library
+        for axis in bases.waves if units[0].place == "offset" and bases.problem.every_pair else ():
+            yield bases.group(units, (axis,), np.zeros(2), len(bases.waves))
 
 
 def _lines(units: tuple[PlaceField, ...], known: dict[str, Array], bases: Bases) -> Iterator[LawGroup]:

@@ -54,6 +54,15 @@ class LawGroupsPolicy:
     decays_between: tuple[float, ...] = (0.6, 0.75, 0.9, 1.1, 1.33, 1.7)
     """Factors of the time constant that are tried for a decay that was found. Source: together they span the factor of
     3 between two of `decays` on either side."""
+    waves: int = 240
+    """Waves of an offset over time, at most. Source: chosen; as many as a session of 60 poses, 90 s each, needs up to
+    periods of three holds of 15 s."""
+    wave_step: float = 0.5
+    """Turns over the session by which two waves differ. Source: half a turn between them leaves a fifth at most of one
+    in their middle, and what is found is sharpened."""
+    a_value: float = 2.0
+    """Turns of the fastest wave for each value. Source: chosen; a line of the mains that is sampled comes at any
+    period, and a pose of a third of its period keeps 0.83 of it."""
     dents: int = 36
     """Toolfaces around which a dent is tried. Source: chosen; its widths overlap."""
     dent_widths_deg: tuple[float, ...] = (6.0, 12.0, 24.0)

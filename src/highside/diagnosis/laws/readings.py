@@ -95,6 +95,13 @@ READINGS = (
         "start cold again",
     ),
     Reading(
+        ("offset",),
+        ("time",),
+        ("sine",),
+        "a line of the mains that is sampled too slowly, a pump, or a controller that hunts",
+        "hold one pose for some periods; record at another rate",
+    ),
+    Reading(
         ("offset", "scale", "scale_all"),
         ("time",),
         (),
