@@ -61,6 +61,8 @@ def without_since_move(
     if made is None:
         return session, None
     laws, found = made
+    if not laws and not _runs_on(columns, rows):
+        return session, None
     used = np.concatenate(rows)
     state = ChainState.from_columns({name: column[used] for name, column in columns.items()})
     if _runs_on(columns, rows):
@@ -68,6 +70,8 @@ def without_since_move(
         still[:, used] -= _within_poses(_claimed(diagnosed(session), model, state), rows)
         if laws_since_move(HeldRows(still, columns["t_s"], rows), session.state, model) is None:
             return again(still), None
+    if not laws:
+        return session, None
     left = accel.copy()
     left[:, used] = without_laws(accel[:, used], state, model, laws)
     before, after = (_about_means(values, rows) for values in (accel, left))

@@ -9,8 +9,16 @@ from functools import cache, partial
 import numpy as np
 
 from highside.diagnosis.laws.classes_policy import LAW_CLASS
-from highside.diagnosis.laws.evidence import LawTerm, Whitened
-from highside.diagnosis.laws.groups import LAGGING, LawGroup, confounded, one_quantity, same_angle, values_of
+from highside.diagnosis.laws.evidence import LawTerm, Whitened, raw_columns_of
+from highside.diagnosis.laws.groups import (
+    LAGGING,
+    LawGroup,
+    confounded,
+    one_quantity,
+    product_of,
+    same_angle,
+    values_of,
+)
 from highside.diagnosis.laws.problem import LawProblem
 from highside.physics.covariates import lag_of
 from highside.physics.law import Axis, Function
@@ -30,7 +38,7 @@ def _class_of(white: Whitened, terms: list[LawTerm], k: int) -> tuple[LawGroup, 
     gains, _ = white.scores([t for i, t in enumerate(terms) if i != k], within=LAW_CLASS.same_reproduced)
     does = white.left_of(terms, [k])
     best = float(gains.max())
-    found: list[LawGroup] = [own, *_twins(problem, own)]
+    found: list[LawGroup] = [own, *_twins(problem, own), *_set_in_with(white, terms, k)]
     for i in np.argsort(-gains):
         group = groups[int(i)]
         behind = best - float(gains[i])
@@ -61,6 +69,39 @@ def _twins(problem: LawProblem, own: LawGroup) -> list[LawGroup]:
     twins = [replace(own, units=(place,)) for place in places]
     twins += [replace(own, axes=axes) for axes in _same_quantities(problem, own)]
     return twins + _turned_by_the_rate(problem, own)
+
+
+def _set_in_with(white: Whitened, terms: list[LawTerm], k: int) -> list[LawGroup]:
+    """Of what sets in at some time: the same where another quantity is beyond some value, if that differs nowhere by
+    what shows, as in a session that goes from one inclination to the next."""
+    problem, own = white.families.problem, terms[k].group
+    at = next((i for i, axis in enumerate(own.axes) if axis.sets_in), None)
+    if at is None or len(own.axes) < 2:
+        return []
+    kept = (*own.axes[:at], *own.axes[at + 1 :])
+    lasting = replace(own, axes=kept, basis=product_of(problem, own.units, kept))
+    start = len(white.free) + sum(term.group.size for term in terms[:k])
+    sizes = white.posterior(terms)[0][start : start + own.size]
+    does = np.tensordot(sizes, raw_columns_of(problem, lasting), 1)
+    shows = np.sum(white.whitener.white(does[None])[0] ** 2, axis=0)
+    later = problem.covariates["time"] >= own.axes[at].functions[0].numbers[0]
+    made, unit = [], own.units[0]
+    for name, every in problem.covariates.items():
+        if name == "time" or name in own.depends_on or (every.ndim == 2 and unit.own < 0):
+            continue
+        values = values_of(problem, name, unit)
+        edges = np.unique(values)
+        for edge in (edges[1:] + edges[:-1]) / 2:
+            beyond = values > edge
+            if min(shows[beyond != later].sum(), shows[beyond == later].sum()) < LAW_CLASS.reproduced:
+                step = Axis(name, float(edges[0]), float(edges[-1]), (Function("step", (float(edge),)),))
+                made.append(replace(own, axes=(*kept, step)))
+                break
+    followed = [values_of(problem, axis.covariate, unit)[later] for axis in kept]
+    if all(confounded(values, problem.covariates["time"][later], LAW_CLASS.function) for values in followed):
+        # what it follows from then on is a function of the time: a curve of that does the same
+        made += [group for group in white.families.groups if group.kind == (*own.kind[:2], ("time",))][:1]
+    return made
 
 
 def _turned_by_the_rate(problem: LawProblem, own: LawGroup) -> list[LawGroup]:

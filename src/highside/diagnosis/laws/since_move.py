@@ -23,7 +23,7 @@ import numpy as np
 
 from highside.arrays import Array
 from highside.diagnosis.laws.chain import CHANNELS, OF_POSES, covariate_values, place_fields
-from highside.diagnosis.laws.claims import ReportedLaw, curve_of, reported_laws
+from highside.diagnosis.laws.claims import ReportedLaw, curve_of, proved, reported_laws
 from highside.diagnosis.laws.classes import Class
 from highside.diagnosis.laws.course import (
     SINCE,
@@ -48,7 +48,8 @@ from highside.physics.state import ChainState
 
 
 def laws_since_move(held: HeldRows, state: ChainState, model: ForwardModel) -> tuple[list[ReportedLaw], Found] | None:
-    """The laws of what the rows of n poses do while these are held; None where there is none.
+    """The laws of what the rows of n poses do while these are held; None where there is none, and no laws where none
+    predicts poses that were held out.
 
     `state` has one row for each pose.
     """
@@ -83,7 +84,8 @@ def laws_since_move(held: HeldRows, state: ChainState, model: ForwardModel) -> t
     found = replace(found, classes=tuple(partial(_no_wider, t.group, alike) for t, alike in pairs))
     if not found.terms:
         return None
-    return [_with_course(one, found, course) for one in reported_laws(found, model.ids)], found
+    told = proved(found)
+    return [_with_course(one, told, course) for one in reported_laws(told, model.ids)], told
 
 
 def _no_wider(own: LawGroup, alike: Class) -> tuple[LawGroup, ...]:
