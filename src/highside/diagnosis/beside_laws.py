@@ -24,8 +24,14 @@ from highside.diagnosis.identified_noise import (
     with_identified_noise,
     with_set_angles,
 )
-from highside.diagnosis.law_answers import beside_laws, location_of, told_implausible, told_unnamed
-from highside.diagnosis.law_outcomes import Outcome, above_rounding, beside_random_walk, without_leftovers
+from highside.diagnosis.law_answers import beside_laws, explained, location_of, told_implausible, told_unnamed
+from highside.diagnosis.law_outcomes import (
+    Outcome,
+    above_rounding,
+    beside_random_walk,
+    explains_nothing,
+    without_leftovers,
+)
 from highside.diagnosis.law_sessions import ChainSession, LawSession
 from highside.diagnosis.laws.cases import cases_of_laws
 from highside.diagnosis.laws.claims import ReportedLaw, heldout_of, proved, reported_laws
@@ -68,7 +74,7 @@ def with_laws(
 
     `model` is the one against which it was diagnosed, its free effects fitted.
     """
-    if diagnosis.verdict in UNTOUCHED or _explained(diagnosis, report):
+    if diagnosis.verdict in UNTOUCHED or explained(diagnosis, report):
         return diagnosis, report
     chain = tuple(c for c in diagnosis.claims if not library.registry()[c.effect].random)
     known = {c.effect for c in chain}
@@ -102,7 +108,7 @@ def with_laws(
     final = _final(session, model, outcome)
     after = np.asarray(session.observed.residual(final))
     fit = _fit(session, outcome.found, report, after, diagnosis.fit)
-    if not (diagnosis.claims or outcome.names) and _explains_nothing(session, outcome, report.before, after):
+    if not (diagnosis.claims or outcome.names) and explains_nothing(session.floor, outcome, report.before, after):
         # what is left beside none of them is judged as where none was found
         return _unchanged(diagnosis, replace(outcome, laws=(), found=outcome.found.only([]))), report
     kept = diagnosis.location if outcome.names and (diagnosis.claims or not laws) else ()
@@ -210,12 +216,6 @@ def names_before_laws(
     made, data = with_laws(session, model, diagnosis, report)
     names = {c.effect for c in made.claims}
     return (made, data) if {c.effect for c in diagnosis.claims} <= names else None
-
-
-def _explained(diagnosis: DiagnosisResult, report: ReportData) -> bool:
-    """Whether no law of what the claims leave could have the least share."""
-    left, given = float(np.sum(report.after**2)), float(np.sum(report.before**2))
-    return bool(diagnosis.claims) and left < LAW_VERDICT.least_share * given
 
 
 def _refused_by_name(
@@ -443,14 +443,6 @@ def _fit(session: LawSession, found: Found, report: ReportData, after: Array, be
         how_held_out=held.words,
         row_noise=None if before is None else before.row_noise,
     )
-
-
-def _explains_nothing(session: LawSession, outcome: Outcome, before: Array, after: Array) -> bool:
-    """Whether nearly all of a misfit larger than the noise is left on the channels that the laws act on."""
-    sigma = np.sqrt(np.mean((outcome.found.noise.factor[:, None] * session.floor) ** 2, axis=1))
-    acts = np.any([np.any(one.effect != 0, axis=1) for one in outcome.laws], axis=0)
-    had, left = (float(np.mean((one[acts] / sigma[acts, None]) ** 2)) - 1.0 for one in (before, after))
-    return had > 1.0 and left > (1.0 - LAW_VERDICT.least_explained) * had
 
 
 def laws_of(diagnosis: DiagnosisResult) -> tuple[Law, ...]:

@@ -85,3 +85,9 @@ def told_unnamed(
         words = f"it resembles {alike}, but most of it is left"
     found = replace(diagnosis, verdict="unknown", claims=(), remainder=remainder, fit=unimproved(diagnosis.fit))
     return hinted(found, words), replace(report, after=report.before, parts={})
+
+
+def explained(diagnosis: DiagnosisResult, report: ReportData) -> bool:
+    """Whether no law of what the claims leave could have the least share."""
+    left, given = float(np.sum(report.after**2)), float(np.sum(report.before**2))
+    return bool(diagnosis.claims) and left < LAW_VERDICT.least_share * given

@@ -107,3 +107,11 @@ def _as_slow(found: Found, k: int, effect: str) -> bool:
     # at one inclination an element of the load matrix is an offset: what may be one is judged as one
     shifts = any(group.place in OFFSETS for group in found.class_of(k))
     return shifts and all(name in SLOW or lag_of(name) for name in found.terms[k].group.depends_on)
+
+
+def explains_nothing(floor: Array, outcome: Outcome, before: Array, after: Array) -> bool:
+    """Whether nearly all of a misfit larger than the noise is left on the channels that the laws act on."""
+    sigma = np.sqrt(np.mean((outcome.found.noise.factor[:, None] * floor) ** 2, axis=1))
+    acts = np.any([np.any(one.effect != 0, axis=1) for one in outcome.laws], axis=0)
+    had, left = (float(np.mean((one[acts] / sigma[acts, None]) ** 2)) - 1.0 for one in (before, after))
+    return had > 1.0 and left > (1.0 - LAW_VERDICT.least_explained) * had

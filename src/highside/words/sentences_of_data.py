@@ -24,7 +24,10 @@ SAID = (
         "the converter's step of %(step)s g is coarser than the noise: errors of up to half of it stay in a mean"
     ),
     said_later("sort the rows by time"),
-    said_later("%(count)s rows are out of order: sort by time or counter"),
+    said_later(
+        "%(count)s rows are out of order, by %(most)s s at most: sort by time or counter, or correct the times if the "
+        "clock was set back"
+    ),
     said_later("%(lost)s frames are lost in %(gaps)s gaps (%(share)s): %(what)s"),
     said_later("check the link and record again"),
     said_later("few enough to go on with"),

@@ -198,6 +198,8 @@ READINGS = (
     said_later("look at what happened then; return to the first pose"),
     said_later("warming up after power came on"),
     said_later("start cold again"),
+    said_later("a line of the mains that is sampled too slowly, a pump, or a controller that hunts"),
+    said_later("hold one pose for some periods; record at another rate"),
     said_later("ageing or a slow drift, or what was not recorded"),
     said_later("return to the first pose from time to time; record the temperature"),
     said_later("a dent or a particle in the bearing, at one toolface"),

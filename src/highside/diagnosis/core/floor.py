@@ -74,6 +74,11 @@ def rounding_variance(step: float) -> float:
     return step**2 / 12
 
 
+def step_of_rounding(variance: float) -> float:
+    """The step of a converter whose error has this variance."""
+    return float(np.sqrt(12 * variance))
+
+
 def rounding_error(values: Array, left: Array, tf_rad: Array) -> float:
     """The error that the lattice of a turning channel's readings (N,) leaves in their means over a smooth function, in
     their unit; 0.0 where they lie on none.

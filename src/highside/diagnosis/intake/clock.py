@@ -50,7 +50,11 @@ def clock_findings(columns: Mapping[str, Array], held: NDArray[np.bool_]) -> lis
     usual = float(np.median(forward)) if forward.size else 0.0
     stepped = _steps_back(t_s, usual)
     if back > len(stepped):
-        words = f"{back} rows are out of order: sort by time or counter"
+        most = float(-steps.min())
+        words = (
+            f"{back} rows are out of order, by {most:.4g} s at most: sort by time or counter, or correct the times if "
+            "the clock was set back"
+        )
         found.append((Finding("reordered_frames", ("t_s",), chance(back, n, CLOCK.stray), words), True))
     if usual <= 0:
         return found

@@ -81,7 +81,7 @@ def best_between(
     """The best of laws that differ in one number, and of what lies between it and its neighbours: the group, nats that
     it gains beside the other terms, and its prior. None where nothing is left of any."""
     problem, best = among.families.problem, None
-    for step in (1.0, *LAW_LAGS.steps):
+    for step in (1.0, *(LAW_LAGS.steps_of_wave if period_of(tried[0]) else LAW_LAGS.steps)):
         if not tried:
             break
         gains, priors = among.of_groups(tried).scores(list(others))

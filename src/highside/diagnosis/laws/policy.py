@@ -101,6 +101,9 @@ class LawLagsPolicy:
     steps: tuple[float, ...] = (0.25, 0.0625)
     """Steps of further looks, in units of the first. Source: the last leaves a lag of 0.6 % and of 1 s; of a law of
     strength 1e6 half of that leaves about 10."""
+    steps_of_wave: tuple[float, ...] = (0.25, 0.0625, 1 / 64, 1 / 256, 1 / 1024)
+    """The same of the period of a wave. Source: the last leaves 1e-4 turns over the session; of a wave of strength 1e9
+    half of that leaves about 10."""
 
 
 LAW_LAGS = LawLagsPolicy()

@@ -194,10 +194,16 @@ def pose_session(
     if floor is None and all(rows.size == 1 for rows in groups):
         floor = floor_of_table(columns, np.concatenate(groups))
     rows = HeldRows.of(accel_g, groups, columns["t_s"])
-    # of a table without such a column the rows are counted
-    counted = len(groups) == columns["t_s"].size and "pose" in columns and np.ptp(columns["pose"] - table["pose"]) == 0
-    numbers = () if counted or "pose" not in columns else tuple(each("pose", "median"))
-    return PoseSession(mean, count, state, scatter, floor, within, _stops(columns), rows, numbers)
+    return PoseSession(mean, count, state, scatter, floor, within, _stops(columns), rows, _numbers(columns, groups))
+
+
+def _numbers(columns: Mapping[str, Array], groups: list[NDArray[np.intp]]) -> tuple[float, ...]:
+    """The poses' numbers in the recording's own column; none where that is the count of a table's rows."""
+    if "pose" not in columns:
+        return ()
+    numbers = np.array([float(columns["pose"][rows[0]]) for rows in groups])
+    counted = len(groups) == columns["t_s"].size and np.ptp(numbers - np.arange(len(groups))) == 0
+    return () if counted else tuple(map(float, numbers))
 
 
 def _floor_beside(accel_g: Array, groups: list[NDArray[np.intp]], moved: int) -> NoiseFloor | None:

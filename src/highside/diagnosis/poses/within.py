@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from highside.arrays import Array
 from highside.diagnosis.core.finding_policy import FLOOR
-from highside.diagnosis.core.floor import lattice_step, rounding_variance
+from highside.diagnosis.core.floor import lattice_step, rounding_variance, step_of_rounding
 from highside.diagnosis.core.result import DiagnosisResult, Finding
 from highside.diagnosis.core.unexplained import in_ug
 from highside.diagnosis.poses.policy import WITHIN
@@ -54,6 +54,9 @@ def within_poses(accel_g: Array, rows: Sequence[Ints], row_seconds: float) -> tu
         rounding = _rounding(stacked, left)
         courses = _courses(left, row_seconds, rounding) if length >= WITHIN.least_rows else []
         for course in courses or _of_any_shape(left, means, row_seconds, rounding):
+            # where rows stay on their step or leave it, what is less than one is none of theirs
+            if course.size_g < step_of_rounding(rounding):
+                continue
             found.setdefault(course.words, []).append((name, course))
     return tuple(_finding(words, each) for words, each in found.items())
 
