@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from highside.diagnosis.beside_laws import _explains_nothing
+from highside.diagnosis.law_outcomes import explains_nothing
 
 ROWS, CELLS = 4000, 500
 FLOOR = np.array([7e-5, 7e-5, 7e-5, 1e-4, 1e-4, 1e-4])
@@ -21,11 +21,11 @@ def judged(acts: int, explained: float) -> bool:
     swing[acts] = 15 * FLOOR[acts] * np.sqrt(2) * np.sin(np.arange(ROWS) / 9)
     effect = np.zeros((6, CELLS))
     effect[acts] = 1e-3
-    session = SimpleNamespace(floor=np.repeat(FLOOR[:, None], CELLS, axis=1))
+    floor = np.repeat(FLOOR[:, None], CELLS, axis=1)
     found = SimpleNamespace(noise=SimpleNamespace(factor=np.ones(6)))
     outcome = SimpleNamespace(found=found, laws=(SimpleNamespace(effect=effect),))
     left = np.sqrt(1 - explained)
-    return _explains_nothing(session, outcome, noise + swing, noise + left * swing)  # type: ignore[arg-type]
+    return explains_nothing(floor, outcome, noise + swing, noise + left * swing)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("channel", [1, 5])

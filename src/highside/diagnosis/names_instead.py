@@ -58,7 +58,7 @@ def from_names(
     names: list[LawGroup] = [group for name in offered for group in name_groups(session, model, name)]
     start = Search(search.problem, names, variants=False).run()
     own, least = {term.group.effect for term in start.terms}, worth(found.evidence, found.terms)
-    if worth(start.evidence, start.terms) < least - LAW_SEARCH.hopeless:
+    if not own or worth(start.evidence, start.terms) < least - LAW_SEARCH.hopeless:
         return found
     made = search.beside_names([g for g in names if g.effect in own]).resumed(start)
     ahead = worth(made.evidence, made.terms) >= least + LAW_VERDICT.margin

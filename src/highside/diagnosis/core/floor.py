@@ -117,11 +117,11 @@ def _error_of_means(step: float, left: Array, tf_rad: Array) -> float:
     return step / 2 * moved * float(np.exp(-2 * np.pi**2 * white / step**2))
 
 
-def floor_of_means(values: Array, rows: Sequence[Ints]) -> NoiseFloor | None:
+def floor_of_means(values: Array, rows: Sequence[Ints], *, alike: bool = False) -> NoiseFloor | None:
     """The floor of the means of channels (C, N) over intervals `rows`; None where intervals have one row only.
 
     An interval in which a channel scatters far more than in all others (a spike, a jump) has its own, and no part in
-    that of the others.
+    that of the others; but where all are `alike`, as of a tool held by hand, whose stillness differs anyway.
     """
     count = np.array([r.size for r in rows], dtype=float)
     if not rows or np.median(count) < 2:
@@ -129,7 +129,7 @@ def floor_of_means(values: Array, rows: Sequence[Ints]) -> NoiseFloor | None:
     sigma = np.empty((len(values), len(rows)))
     freedom = np.inf
     for c, channel in enumerate(values):
-        loud = _loud(channel, rows)
+        loud = {} if alike else _loud(channel, rows)
         variance, known = _of_a_row(channel, [r for k, r in enumerate(rows) if k not in loud])
         step = lattice_step(np.concatenate([channel[r] for r in rows]))
         mean = variance / count

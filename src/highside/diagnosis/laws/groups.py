@@ -153,10 +153,10 @@ class Bases:
 
     @cached_property
     def waves(self) -> list[Axis]:
-        """Waves of time, from those that the cosines of a curve do not follow to those that a pose averages away."""
+        """Waves of time, from those of a few turns to those that a pose averages away."""
         t = self.problem.covariates["time"]
         low, high = float(t.min()), float(t.max())
-        counts = LAW_GROUPS.wave_step * np.arange(1, LAW_GROUPS.waves + 1) + LAW_GROUPS.cosines / 2
+        counts = LAW_GROUPS.wave_step * np.arange(LAW_GROUPS.waves) + LAW_GROUPS.first_wave
         periods = (high - low) / counts[counts <= LAW_GROUPS.a_value * np.unique(t).size]
         return [Axis("time", low, high, wave_of(float(period))) for period in periods]
 

@@ -55,8 +55,9 @@ class LawGroupsPolicy:
     """Factors of the time constant that are tried for a decay that was found. Source: together they span the factor of
     3 between two of `decays` on either side."""
     waves: int = 240
-    """Waves of an offset over time, at most. Source: chosen; as many as a session of 60 poses, 90 s each, needs up to
-    periods of three holds of 15 s."""
+    """Waves of an offset over time, at most. Source: two for each of 60 poses, in steps of half a turn."""
+    first_wave: float = 3.0
+    """Turns of the slowest. Source: chosen; a wave of fewer turns is a curve of the time."""
     wave_step: float = 0.5
     """Turns over the session by which two waves differ. Source: half a turn between them leaves a fifth at most of one
     in their middle, and what is found is sharpened."""

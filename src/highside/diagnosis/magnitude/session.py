@@ -280,7 +280,7 @@ def _floor(columns: Mapping[str, Array], accel_g: Array, rows: list[Ints]) -> No
         floor = floor_of_table(columns, np.array([r[0] for r in rows]))
         if floor is not None:
             return NoiseFloor(np.sqrt(np.mean(floor.sigma**2, axis=0))[None], floor.freedom)
-    return floor_of_means(np.linalg.norm(accel_g, axis=0)[None], rows)
+    return floor_of_means(np.linalg.norm(accel_g, axis=0)[None], rows, alike=True)
 
 
 def nothing_testable(
