@@ -9,7 +9,9 @@ claimed. tone: all channels oscillate with a period of 60 to 400 s, 50 ug to 20 
 oscillates with that period. jump: in one pose one row is off by 2 to 200 mg, and one axis' scale factor follows the
 temperature by 0.5 mg; right is that law. zero: the zero of the toolface changed after half of the session by 0.01 to 3
 deg; right is an error of the toolface that follows time, told or in a class, or nothing told and not "nothing". spans:
-four neighbouring poses are in m/s2; right is that these four are said. Physics and noise are made here; of the product
+four neighbouring poses are in m/s2; right is that these four are said. lash: the toolface stops 0.003 to 0.08 deg short
+of where it was to go, from either side, and no column says from which; right is `backlash`, or no name and not
+"nothing". Physics and noise are made here; of the product
 nothing but `diagnose` is used.
 """
 
@@ -123,6 +125,14 @@ def zero(bench: Bench, size: float) -> bool:
     return any(_holds(claim.equivalence_class, claim.effect, "toolface", "time") for claim in made.claims)
 
 
+def lash(bench: Bench, size: float) -> bool:
+    """A play of the toolface of `size` deg, the side not written down."""
+    side = np.sign(np.diff(bench.tf, prepend=bench.tf[:1] - 1.0))
+    made = bench.diagnosed(bench.load(bench.tf - size * side))
+    names = {claim.effect for claim in made.claims if claim.law is None}
+    return names <= {"backlash"} and made.verdict != "nothing_left_out"
+
+
 def spans(bench: Bench, size: float) -> bool:
     """Four neighbouring poses in m/s2."""
     first = int(bench.rng.integers(bench.inc.size - 4))
@@ -145,6 +155,7 @@ KINDS: dict[str, tuple[Callable[[Bench, float], bool], tuple[float, ...]]] = {
     "jump": (jump, (2e-3, 2e-2, 0.2)),
     "zero": (zero, (0.01, 0.1, 1.0, 3.0)),
     "spans": (spans, (0.0,)),
+    "lash": (lash, (0.003, 0.08)),
 }
 """each with the sizes that are tried"""
 

@@ -80,7 +80,7 @@ def strength(s: Held, added: np.ndarray, sigma: float = SIGMA) -> float:
 KINDS = ("step", "warm-up", "ramp", "temperature", "kink of load", "nothing")
 FITTING = {
     "step": ("bias_step",), "warm-up": ("warmup",), "ramp": ("bias_drift",), "temperature": ("temperature_bias",),
-    "kink of load": ("law:offset_*load*",), "nothing": ("verdict:nothing_left_out", "verdict:not_testable"),
+    "kink of load": (), "nothing": ("verdict:nothing_left_out", "verdict:not_testable"),
 }  # fmt: skip
 """the library's name of each"""
 

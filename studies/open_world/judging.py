@@ -32,6 +32,8 @@ PLACES = (
     "channel_offset", "channel_factor", "channel_delay",
 )  # fmt: skip
 """where an answer may put a law"""
+OF_NOTES = {"kink of load": "law:offset_*load*"}
+"""what is right of cases whose sealed answer does not say it, by the beginning of its note"""
 COVARIATES_OF_LABEL = re.compile(r"((?:previous_)?load_[xyz]|.+?)(?:_x_(.+))?")
 """one name or two; that of a load may end as the word between two begins"""
 LAGGING = re.compile(r"temp_filtered_[0-9]+")
@@ -167,6 +169,7 @@ def judged(row: Row) -> Row:
     reported = [c for c in claims if is_law(c)]
     known = truth["effects"]
     allowed = [pattern for pattern in truth["right"] if not pattern.startswith("verdict:")]
+    allowed += [law for note, law in OF_NOTES.items() if truth["note"].startswith(note)]
     verdicts = [pattern.removeprefix("verdict:") for pattern in truth["right"] if pattern.startswith("verdict:")]
     classes = [set(c["equivalence_class"]) | {c["effect"]} for c in claims if not is_law(c)]
     right_names = [any(k in known or _matches(k, allowed) for k in members) for members in classes]
