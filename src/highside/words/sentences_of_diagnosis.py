@@ -149,6 +149,7 @@ ANSWERS = (
     said_later("vary %(what)s over the range that matters, independently of %(others)s"),
     said_later("vary %(what)s over the range that matters and over several turns, independently of %(others)s"),
     said_later("record another session and %(confirm)s"),
+    said_later("hold one pose for several periods, at another rate of recording"),
     said_later("white noise up to %(times)s times the floor"),
     said_later("a zero offset that wanders"),
     said_later("1/f noise"),

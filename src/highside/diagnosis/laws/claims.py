@@ -23,7 +23,7 @@ from highside.diagnosis.laws.policy import LAW_REPORT
 from highside.diagnosis.laws.products import ProductGroup, coefficients_of
 from highside.diagnosis.laws.readings import readings_of
 from highside.diagnosis.laws.separable import as_product, heldout_loss
-from highside.diagnosis.laws.to_vary import to_vary
+from highside.diagnosis.laws.to_vary import SEVERAL_PERIODS, to_vary
 from highside.diagnosis.laws.together import told_together
 from highside.physics.covariates import covariate
 from highside.physics.effect import Effect
@@ -375,12 +375,12 @@ def _claim(
     apart = [g for g in found.class_of(k)[1:] if not g.effect]
     # what set in stays, as far as one session tells: another need not vary its own time
     rivals_follow = {name for g in apart for name in g.depends_on} - set(law.depends_on)
-    confirm = to_vary(law.lasting().depends_on, rivals_follow)
+    wave = any(map(is_wave, group.axes))
+    confirm = SEVERAL_PERIODS if wave else to_vary(law.lasting().depends_on, rivals_follow)
     words = " and ".join(covariate(name).title for name in group.depends_on)
     formula = closed.text or None if closed is not None else None
     rms, rms_std = size_beside_free(white, effect, group.channels)
-    closed_form = law.formula or any(map(is_wave, group.axes))
-    shapes = tuple(f.kind for axis in law.axes for f in axis.functions) if closed_form else ()
+    shapes = tuple(f.kind for axis in law.axes for f in axis.functions) if law.formula or wave else ()
     return Claim(
         effect=law.id,
         story=f"{law.at.title}, following {words}: no effect of the library, a law learnt from this recording.",

@@ -9,6 +9,8 @@ from highside.words import said
 
 FRACTION = "tf_fraction"
 """the toolface as a covariate that does not come round"""
+SEVERAL_PERIODS = "hold one pose for several periods, at another rate of recording"
+"""what tells more of an offset that oscillates in time"""
 
 
 def to_vary(depends_on: Sequence[str], rivals: Iterable[str]) -> str:
