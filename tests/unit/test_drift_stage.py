@@ -6,6 +6,7 @@ import json
 import math
 import os
 import random
+import time
 from pathlib import Path
 
 import numpy as np
@@ -29,14 +30,20 @@ ALIGNED = DriftSettings(azimuth_deg=60.0, azimuth_std_deg=0.1)
 
 
 def feed(
-    stage: DriftStage, data: DriftData, *, after_s: float = 0.0, until_s: float = 1e9, later_s: float = 0.0
+    stage: DriftStage,
+    data: DriftData,
+    *,
+    after_s: float = 0.0,
+    until_s: float = 1e9,
+    later_s: float = 0.0,
+    mono_s: float = 1000.0,
 ) -> None:
-    """The readings between two times; `later_s` is added to the tool's time."""
+    """The readings between two times; `later_s` is added to the tool's time, `mono_s` to that for the machine's."""
     t = data.experiment.t_s
     rates = np.degrees(data.rate)
     for i in np.flatnonzero((t >= after_s) & (t < until_s)):
         stage.add(*rates[:, i].tolist())
-        stage.close(float(t[i]) + later_s, float(t[i]) + later_s + 1000.0, tuple(data.accel[:, i].tolist()))
+        stage.close(float(t[i]) + later_s, float(t[i]) + later_s + mono_s, tuple(data.accel[:, i].tolist()))
 
 
 def error_deg(stage: DriftStage, t_s: float, true_deg: float) -> tuple[float, float]:
@@ -454,7 +461,8 @@ async def test_what_is_kept_is_taken_up_by_the_next_service_and_damage_is_report
     again = Desk(tmp_path, "[drift]\nazimuth_deg = 60.0\n").keeper
     assert again.error is None
     assert again.stage is not None
-    feed(again.stage, record(turntable(20.0, 20.0, Triad()), 1), later_s=20.05)
+    # a keeper reads the age of what it loads from the machine's clock, which begins with the machine
+    feed(again.stage, record(turntable(20.0, 20.0, Triad()), 1), later_s=20.05, mono_s=time.monotonic())
     health = again.health()
     assert health is not None
     assert health["aligned"] is True
