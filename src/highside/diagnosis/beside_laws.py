@@ -85,7 +85,7 @@ def with_laws(
     if diagnosis.verdict == "wander" and not chain:
         outcome = beside_random_walk(outcome, model)
     if outcome.names:
-        large = tuple(one for one in outcome.laws if (one.claim.share or 0.0) >= LAW_VERDICT.least_share)
+        large = tuple(one for one in outcome.laws if one.share >= LAW_VERDICT.least_share)
         outcome = replace(outcome, laws=large)
     outcome = without_leftovers(outcome, model, known)
     if outcome.implausible and outcome.names:

@@ -51,10 +51,11 @@ def beside_random_walk(outcome: Outcome, model: ForwardModel) -> Outcome:
         return outcome
     found = outcome.found
     for _ in range(len(found.terms)):
-        slow = {k for k, term in enumerate(found.terms) if _as_slow(found, k, term.group.effect)}
-        doubted = {k for k in slow if found.gains[k] < LAW_VERDICT.beside_random_walk}
-        # several that leave nothing of the walk stand in its place together
-        together = doubted if found.noise.remembers else slow
+        small = [k for k, gain in enumerate(found.gains) if gain < LAW_VERDICT.beside_random_walk]
+        together = doubted = {k for k in small if _as_slow(found, k)}
+        if doubted and not found.noise.remembers:
+            # several that leave nothing of the walk stand in its place together
+            together = {k for k in range(len(found.terms)) if _as_slow(found, k)}
         if doubted and found.gain_of(together) < LAW_VERDICT.beside_random_walk:
             kept = [k for k in range(len(found.terms)) if k not in doubted]
         else:
@@ -100,13 +101,14 @@ def above_rounding(outcome: Outcome, model: ForwardModel, error: Array) -> Outco
     return replace(outcome, laws=tuple(reported_laws(found, model.ids)), found=found)
 
 
-def _as_slow(found: Found, k: int, effect: str) -> bool:
+def _as_slow(found: Found, k: int) -> bool:
     """Whether a term may be a random walk of a zero offset."""
-    if effect:
+    if effect := found.terms[k].group.effect:
         return library.get(effect).slow
+    if not all(name in SLOW or lag_of(name) for name in found.terms[k].group.depends_on):
+        return False
     # at one inclination an element of the load matrix is an offset: what may be one is judged as one
-    shifts = any(group.place in OFFSETS for group in found.class_of(k))
-    return shifts and all(name in SLOW or lag_of(name) for name in found.terms[k].group.depends_on)
+    return any(group.place in OFFSETS for group in found.class_of(k))
 
 
 def explains_nothing(floor: Array, outcome: Outcome, before: Array, after: Array) -> bool:

@@ -36,6 +36,14 @@ def span(columns: Array, tolerance: float = REGRESSION.independent) -> Array:
     return np.asarray(q.T)
 
 
+def projected(rows: Array, target: Array, tolerance: float | None = None) -> Array:
+    """(N,) what rows (k, N) take of a target (N,) by least squares; of singular values below `tolerance` times the
+    largest nothing, by default those that are rounding."""
+    return (
+        np.asarray(np.linalg.lstsq(rows.T, target, rcond=tolerance)[0] @ rows) if len(rows) else np.zeros(target.size)
+    )
+
+
 def outside(space: Array, columns: Array) -> Array:
     """What of the columns (..., N) lies outside of a space (r, N)."""
     return columns - (columns @ space.T) @ space

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from highside.arrays import Array
-from highside.diagnosis.core.regression import flattened
+from highside.diagnosis.core.regression import flattened, projected
 from highside.diagnosis.laws.claims import slice_of
 from highside.diagnosis.laws.evidence import raw_columns
 from highside.diagnosis.laws.found import Found
@@ -27,12 +26,8 @@ def cases_of_laws(found: Found) -> set[str]:
             if law.group.effect:
                 continue
             own = white.whitener.white(raw_columns(found.problem, [law])).reshape(law.group.size, -1)
-            left = target - _projected(np.concatenate([free, own]), target)
-            alone = target - _projected(free, target)
+            left = target - projected(np.concatenate([free, own]), target, LAW_REPORT.ridge)
+            alone = target - projected(free, target, LAW_REPORT.ridge)
             if float(left @ left) < LAW_REPORT.case * float(alone @ alone):
                 cases.add(term.group.effect)
     return cases
-
-
-def _projected(rows: Array, target: Array) -> Array:
-    return np.asarray(np.linalg.lstsq(rows.T, target, rcond=LAW_REPORT.ridge)[0] @ rows)

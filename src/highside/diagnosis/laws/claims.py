@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from highside.arrays import Array
 from highside.diagnosis.core.finding_policy import STABILITY
-from highside.diagnosis.core.regression import flattened
+from highside.diagnosis.core.regression import flattened, projected
 from highside.diagnosis.core.result import Claim, Curve, FittedParameter
 from highside.diagnosis.laws.acting import known_where_it_acted
 from highside.diagnosis.laws.effects import EffectGroup
@@ -39,9 +40,17 @@ class ReportedLaw:
     """A law that was found, and what is reported of it."""
 
     law: Law
-    claim: Claim
     effect: Array
     """(C, n) what it does to the readings, to first order"""
+    share: float
+    """of the misfit"""
+    told: Callable[[], Claim]
+    """what `claim` tells, sought when it is asked for: of laws on the way to others only what they do is wanted"""
+
+    @cached_property
+    def claim(self) -> Claim:
+        """What is reported of it."""
+        return self.told()
 
 
 def reported_laws(found: Found, taken: Iterable[str] = ()) -> list[ReportedLaw]:
@@ -75,11 +84,12 @@ def reported_laws(found: Found, taken: Iterable[str] = ()) -> list[ReportedLaw]:
             closed = None if k in sure else closed
             law = _law(terms[k].group, curves[k], covariance[part, part])
             effect = np.tensordot(curves[k], raw_columns(found.problem, [terms[k]]), 1)
-        gains = heldout(white, terms, k)
         law = known_where_it_acted(found.problem, terms[k].group, replace(law, slug=slug_beside(law.slug, ids)))
         ids.add(law.id)
-        made.append(ReportedLaw(law, _claim(found, white, terms, k, law, closed, shares[k], gains, effect), effect))
-    return sorted(made, key=lambda one: -(one.claim.share or 0.0))
+        gain = partial(heldout, white, terms, k)
+        told_of = partial(_claim, found, white, terms, k, law, closed, shares[k], gain, effect)
+        made.append(ReportedLaw(law, effect, shares[k], told_of))
+    return sorted(made, key=lambda one: -one.share)
 
 
 def _as_one(
@@ -108,8 +118,9 @@ def _as_one(
         classes=tuple(found.classes[i] for i in kept),
     )
     share = _share_of(white, terms, numbers)
-    gain = heldout(white, terms, *numbers)
-    return ReportedLaw(law, _claim(one, white, list(one.terms), kept.index(k), law, None, share, gain, effect), effect)
+    gain = partial(heldout, white, terms, *numbers)
+    told_of = partial(_claim, one, white, list(one.terms), kept.index(k), law, None, share, gain, effect)
+    return ReportedLaw(law, effect, share, told_of)
 
 
 def effects_of(found: Found, names: bool = False) -> dict[int, Array]:
@@ -364,7 +375,7 @@ def _claim(
     law: Law,
     closed: Closed | None,
     share: float,
-    gain: float,
+    gain: Callable[[], float],
     effect: Array,
 ) -> Claim:
     group = terms[k].group
@@ -393,7 +404,7 @@ def _claim(
         next_manoeuvre=f"record another session and {confirm}",
         share=share,
         channels=tuple(found.problem.channels[c] for c in group.channels),
-        heldout_gain=gain,
+        heldout_gain=gain(),
         stable=stability(found, white, terms, k, effect) > LAW_REPORT.stable,
         shape_within=float(np.sqrt(LAW_REPORT.unseen / max(strength, LAW_REPORT.unseen))),
         place=law.place,
@@ -417,16 +428,11 @@ def size_beside_free(white: Whitened, effect: Array, channels: tuple[int, ...]) 
     """
     problem = white.families.problem
     own = white.whitener.white(effect[None])[0].reshape(-1)
-    strength = float(np.sum((own - _projected(flattened(white.free), own)) ** 2))
+    strength = float(np.sum((own - projected(flattened(white.free), own)) ** 2))
     free = flattened(problem.free / problem.floor)
-    left = effect - _projected(free, (effect / problem.floor).reshape(-1)).reshape(effect.shape) * problem.floor
+    left = effect - projected(free, (effect / problem.floor).reshape(-1)).reshape(effect.shape) * problem.floor
     rms = float(np.sqrt(np.mean(left[list(channels)] ** 2)))
     return rms, rms / float(np.sqrt(max(strength, 1.0)))
-
-
-def _projected(rows: Array, target: Array) -> Array:
-    """What rows (k, m) take of a target (m,) by least squares."""
-    return np.asarray(np.linalg.lstsq(rows.T, target, rcond=None)[0] @ rows) if len(rows) else np.zeros_like(target)
 
 
 def curve_of(found: Found, group: LawGroup, law: Law) -> Curve:

@@ -37,6 +37,7 @@ def _class_of(white: Whitened, terms: list[LawTerm], k: int) -> tuple[LawGroup, 
     problem, groups, own = white.families.problem, white.families.groups, terms[k].group
     gains, _ = white.scores([t for i, t in enumerate(terms) if i != k], within=LAW_CLASS.same_reproduced)
     does = white.left_of(terms, [k])
+    asked = white.may_reproduce(does)
     best = float(gains.max())
     found: list[LawGroup] = [own, *_twins(problem, own), *_set_in_with(white, terms, k)]
     for i in np.argsort(-gains):
@@ -50,7 +51,7 @@ def _class_of(white: Whitened, terms: list[LawTerm], k: int) -> tuple[LawGroup, 
         if not near and _adds(problem, own, group):
             continue
         ran_along = near and ran_together(problem, own, group)
-        if behind <= LAW_CLASS.same or ran_along or white.reproduces(does, group):
+        if behind <= LAW_CLASS.same or ran_along or (asked[i] and white.reproduces(does, group)):
             found.append(group)
     return tuple(found)
 

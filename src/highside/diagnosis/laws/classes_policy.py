@@ -20,6 +20,9 @@ class LawClassPolicy:
     reproduced: float = 12.0
     """Strength of a law that another group cannot do, below which this session does not tell them apart, if the group
     is within `same_reproduced`. Source: `diagnosis.core.policy.RIVALS.same_class_evidence`, the same for names."""
+    worth_asking: float = 0.01
+    """Share of a law's strength that a group may leave by inner products, beyond `reproduced`, for an exact look at it.
+    Source: rounding, and the ridge of a fit without a prior, leave less than a millionth of it."""
     function: float = 0.98
     """Share of a covariate's variance that a smooth function of another explains, from which it is one of it. Source:
     chosen; the rest of a confounded pair is its noise."""

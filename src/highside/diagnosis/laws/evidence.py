@@ -11,6 +11,7 @@ from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from highside.arrays import Array
 from highside.diagnosis.core.regression import flattened
@@ -217,6 +218,11 @@ class _WhiteFamilies:
                 found.append(np.concatenate(own))
         return made
 
+    def products(self, white: Array) -> list[tuple[_Part, Array]]:
+        """Each part with its inner products (G, m, K) with whitened rows (K, C, n)."""
+        before = self._first.products(white) if self._first else []
+        return [*before, *zip(self._parts, self._passed([white])[0], strict=True)]
+
     def columns_of(self, group: LawGroup) -> Array:
         """(m, C, n) whitened columns of a group."""
         if (first := self._first) is not None:
@@ -303,6 +309,20 @@ class Whitened:
             own = self.groups.columns_of(terms[k].group)
             target = target + np.tensordot(mean[start : start + terms[k].group.size], own, 1).reshape(-1)
         return target - (target @ beside.T) @ beside, beside
+
+    def may_reproduce(self, does: tuple[Array, Array]) -> NDArray[np.bool_]:
+        """(G,) which groups may do what `left_of` gave, by inner products: all whose `reproduces` is worth asking."""
+        target, beside = does
+        channels = (len(self.families.problem.floor), self.families.problem.n)
+        both = np.concatenate([beside, target[None]]).reshape(-1, *channels)
+        near = np.zeros(len(self.families.groups), dtype=bool)
+        for part, products in self.groups.products(both):
+            across, drive = products[:, :, :-1], products[:, :, -1]
+            left = part.gram - across @ across.transpose(0, 2, 1)
+            explained = 2.0 * bound_of(*shown_of(part.gram, left, drive))
+            most = LAW_CLASS.reproduced + LAW_CLASS.worth_asking * float(target @ target)
+            near[part.family.members] = float(target @ target) - explained < most
+        return near
 
     def reproduces(self, does: tuple[Array, Array], group: LawGroup) -> bool:
         """Whether a group can do what `left_of` gave, to within what the recording shows of a difference."""

@@ -226,7 +226,7 @@ def _with_course(told: ReportedLaw, found: Found, course: Course) -> ReportedLaw
     group = next(t.group for t in found.terms if (t.group.place, t.group.axes) == (law.place, law.axes))
     ranges = tuple((axis.low, axis.high) for axis in axes)
     claim = replace(told.claim, law=made.to_dict(), curve=curve_of(found, group, made), range=ranges)
-    return replace(told, law=made, claim=claim)
+    return replace(told, law=made, told=lambda: claim)
 
 
 def without_laws(accel: Array, rows: ChainState, model: ForwardModel, laws: Sequence[ReportedLaw]) -> Array:
