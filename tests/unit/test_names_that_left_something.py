@@ -10,8 +10,8 @@ import pytest
 from highside.api.diagnosis import diagnose
 from highside.api.simulation import predict
 from highside.config.model import Model
+from highside.diagnosis.core.memory_policy import MEMORY
 from highside.diagnosis.core.method import ProcedureParts
-from highside.diagnosis.core.policy import MEMORY
 from highside.diagnosis.core.problem import ReportData
 from highside.physics.forward import ForwardModel
 from highside.physics.state import ChainState

@@ -18,7 +18,7 @@ import numpy as np
 from highside.arrays import Array
 from highside.diagnosis.core.finding_policy import FLOOR
 from highside.diagnosis.core.floor import Excess
-from highside.diagnosis.core.policy import MEMORY
+from highside.diagnosis.core.memory_policy import MEMORY
 from highside.diagnosis.core.problem import ReportData
 from highside.diagnosis.core.result import DiagnosisResult
 from highside.diagnosis.core.serial_correlation import RANDOM_WALK

@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highside.arrays import Array
-from highside.diagnosis.core.policy import MEMORY
+from highside.diagnosis.core.filters import BlockFilter, through_bands
+from highside.diagnosis.core.memory_policy import MEMORY
 
 
 @dataclass(frozen=True)
@@ -61,53 +62,39 @@ class LevelNoise:
 
     def white(self, columns: Array) -> Array:
         """(S, K, n) independent unit innovations of columns (K, n)."""
-        settings, n = self.variance.shape
-        if settings == 1 and len(columns) > MEMORY.banded_from:
-            return self._white_banded(columns, np.empty((len(columns), n)))[None]
-        result = np.empty((n, settings, columns.shape[0]))
-        level = np.zeros((settings, columns.shape[0]))
-        gain, decay = self.gain.T[:, :, None], self.decay.T[:, :, None]
-        for t, reading in enumerate(np.ascontiguousarray(columns.T)):
-            left = np.subtract(reading, level, out=result[t])
-            level = (level + gain[t] * left) * decay[t]
-        result /= np.sqrt(self.variance.T)[:, :, None]
-        return np.asarray(result.transpose(1, 2, 0))
+        made = np.empty((len(self.variance), *columns.shape))
+        for s, out in enumerate(made):
+            self._white_into(s, columns, out)
+        return made
 
     def transposed(self, white: Array) -> Array:
         """(S, K, n) the transposed filter on whitened columns (S, K, n): with `white`, the inverse covariance times the
         columns. Back from the last row, what a level takes on is what the rows behind it take from that level."""
-        result = np.ascontiguousarray(white.transpose(2, 0, 1)) / np.sqrt(self.variance.T)[:, :, None]
-        behind = np.zeros(result.shape[1:])
-        gain, decay = (self.decay * self.gain).T[:, :, None], self.decay.T[:, :, None]
-        for t in range(len(result) - 1, -1, -1):
-            taken = gain[t] * behind
-            behind = decay[t] * behind - taken - result[t]
-            result[t] += taken
-        return np.asarray(result.transpose(1, 2, 0))
+        made = np.asarray(white / np.sqrt(self.variance)[:, None])
+        for s, own in enumerate(made):
+            behind = through_bands(self._bands(s), own, transposed=True)
+            own[:, :-1] -= self.decay[s, :-1] * self.gain[s, :-1] * behind[:, 1:]
+        return made
 
     def white_into(self, columns: Array, out: Array) -> None:
         """The innovations of columns (K, n) under the only setting, written to `out` (K, n)."""
-        self._white_banded(columns, out)
+        self._white_into(0, columns, out)
 
-    def _white_banded(self, columns: Array, out: Array) -> Array:
-        """What the filter predicts of a row follows from that of the row before alone: a system of two bands. A few
-        columns at a time, they stay in the processor's cache."""
-        from scipy.linalg.lapack import dtbtrs
+    def _white_into(self, s: int, columns: Array, out: Array) -> None:
+        """Few columns as a system of two bands: what the filter predicts of a row follows from that of the row
+        before."""
+        if len(columns) >= MEMORY.block_from:
+            BlockFilter.of(self.gain[s, :, None], self.decay[s, :, None], self.variance[s]).white_into(columns, out)
+            return
+        drive = np.zeros(columns.shape)
+        np.multiply(columns[:, :-1], self.decay[s, :-1] * self.gain[s, :-1], out=drive[:, 1:])
+        np.subtract(columns, through_bands(self._bands(s), drive), out=out)
+        out /= np.sqrt(self.variance[s])
 
-        n = self.variance.shape[1]
-        gain, root = self.decay[0] * self.gain[0], 1.0 / np.sqrt(self.variance[0])
-        bands = np.asfortranarray(np.stack([np.ones(n), gain - self.decay[0]]))
-        drive = np.empty((min(MEMORY.banded_at_once, len(columns)), n))
-        for i in range(0, len(columns), MEMORY.banded_at_once):
-            own = columns[i : i + MEMORY.banded_at_once]
-            part = drive[: len(own)]
-            part[:, 0] = 0.0
-            np.multiply(own[:, :-1], gain[:-1], out=part[:, 1:])
-            level = dtbtrs(bands, part.T, uplo="L", diag="U", overwrite_b=1)[0].T
-            result = out[i : i + MEMORY.banded_at_once]
-            np.subtract(own, level, out=result)
-            result *= root
-        return out
+    def _bands(self, s: int) -> Array:
+        """(2, n) the system, by its diagonals from the main one down."""
+        below = (self.gain[s] - 1.0) * self.decay[s]
+        return np.asfortranarray(np.stack([np.ones(below.size), below]))
 
 
 @dataclass(frozen=True)

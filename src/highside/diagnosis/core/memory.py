@@ -22,7 +22,8 @@ from numpy.typing import NDArray
 
 from highside.arrays import AnyArray, Array
 from highside.diagnosis.core.markov import LevelNoise
-from highside.diagnosis.core.policy import INTERVALS, MEMORY, REGRESSION
+from highside.diagnosis.core.memory_policy import MEMORY
+from highside.diagnosis.core.policy import INTERVALS, REGRESSION
 from highside.diagnosis.core.problem_policy import SlowLimits
 from highside.special import chdtrc
 

@@ -8,7 +8,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from highside.diagnosis.core.finding_policy import FLOOR
-from highside.diagnosis.core.policy import CANDIDATE_SET, MEMORY, SELECTION
+from highside.diagnosis.core.memory_policy import MEMORY
+from highside.diagnosis.core.policy import CANDIDATE_SET, SELECTION
 from highside.physics.effects import all_effects
 
 

@@ -17,7 +17,8 @@ from highside.arrays import Array
 from highside.diagnosis.core.candidate_set import CandidateSet, Term, span_with
 from highside.diagnosis.core.candidates import Candidate, Unobservable, columns_of
 from highside.diagnosis.core.memory import SlowScore
-from highside.diagnosis.core.policy import MEMORY, REGRESSION, RIVALS
+from highside.diagnosis.core.memory_policy import MEMORY
+from highside.diagnosis.core.policy import REGRESSION, RIVALS
 from highside.diagnosis.core.regression import outside
 from highside.diagnosis.core.result import Detectable, NotTestable
 from highside.diagnosis.core.selection import Selector

@@ -22,7 +22,7 @@ from highside.diagnosis.core.memory import (
     slow_effects,
     slow_scores,
 )
-from highside.diagnosis.core.policy import MEMORY
+from highside.diagnosis.core.memory_policy import MEMORY
 from highside.diagnosis.core.problem import N, Problem, SelectionState
 from highside.diagnosis.core.selection import Selector
 

@@ -16,7 +16,7 @@ from highside.arrays import Array
 from highside.diagnosis.core.finding_policy import FLOOR
 from highside.diagnosis.core.floor import Excess
 from highside.diagnosis.core.memory import Memory
-from highside.diagnosis.core.policy import MEMORY
+from highside.diagnosis.core.memory_policy import MEMORY
 from highside.diagnosis.core.result import DiagnosisResult, Fit
 
 

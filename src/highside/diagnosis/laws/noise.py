@@ -9,11 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from highside.arrays import Array
+from highside.diagnosis.core.filters import BlockFilter, through_bands
 from highside.diagnosis.core.markov import LevelNoise
 from highside.diagnosis.laws.noise_policy import LAW_NOISE
 from highside.diagnosis.laws.policy import LAW_EVIDENCE
@@ -143,7 +145,7 @@ class Whitener:
         if made is None:
             return np.asarray(rows / self._scale[c])
         if isinstance(made, LadderNoise):
-            return np.asarray(transposed_by_ladders([made], rows[None])[0])
+            return np.asarray(made.transposed(rows[None])[0])
         return np.asarray(made.transposed(rows[None])[0])
 
     def clipped(self, residual: Array, fitted: Array) -> Array:
@@ -228,44 +230,57 @@ class LadderNoise:
         """(1,)."""
         return np.array([float(np.log(self.variance).sum())])
 
+    @cached_property
+    def _bands(self) -> Array:
+        """(L + 2, n (L + 1)) the filter as one system of few bands, of what is left of each row and its levels after
+        it: a row is what is left and the sum of the levels before it."""
+        n, levels = self.decay.shape
+        bands = np.zeros((levels + 2, n, levels + 1), order="F")
+        bands[0] = 1.0
+        for k in range(levels):
+            bands[1 + k, :, 0] = -self.decay[:, k] * self.gain[:, k]
+            bands[levels - k, :, 1 + k] = 1.0
+            bands[levels + 1, :-1, 1 + k] = -self.decay[1:, k]
+        return np.asfortranarray(bands.reshape(levels + 2, -1))
+
+    @cached_property
+    def _blocks(self) -> BlockFilter:
+        return BlockFilter.of(self.gain, self.decay, self.variance)
+
     def white(self, columns: Array) -> Array:
         """(1, K, n) innovations of columns (K, n)."""
-        return white_by_ladders([self], columns)
+        made = np.empty((1, *columns.shape))
+        self.white_into(columns, made[0])
+        return made
 
     def white_into(self, columns: Array, out: Array) -> None:
         """These, written to `out` (K, n)."""
-        for i in range(0, len(columns), LAW_NOISE.ladder_columns):
-            out[i : i + LAW_NOISE.ladder_columns] = self.white(columns[i : i + LAW_NOISE.ladder_columns])[0]
+        if len(columns) > LAW_NOISE.ladder_by_bands:
+            self._blocks.white_into(columns, out)
+        else:
+            np.divide(self._through_bands(columns), np.sqrt(self.variance), out=out)
+
+    def transposed(self, white: Array) -> Array:
+        """(1, K, n) the transposed filter on whitened columns (1, K, n), as `LevelNoise.transposed`."""
+        return self._through_bands(white[0] / np.sqrt(self.variance), transposed=True)[None]
+
+    def _through_bands(self, columns: Array, *, transposed: bool = False) -> Array:
+        """(K, n) what is left of columns (K, n), or the transposed filter on them."""
+        n, levels = self.decay.shape
+        both = np.zeros((len(columns), n, levels + 1))
+        both[:, :, 0] = columns
+        made = through_bands(self._bands, both.reshape(len(columns), n * (levels + 1)), transposed=transposed)
+        return made.reshape(both.shape)[:, :, 0]
 
 
 def white_by_ladders(ladders: Sequence[LadderNoise], columns: Array) -> Array:
-    """(R, K, n) innovations of columns (K, n) under ladders of the same levels."""
-    gain = np.stack([one.gain for one in ladders], axis=1)[:, :, :, None]
-    decay = ladders[0].decay[:, None, :, None]
-    n, count, levels, _ = gain.shape
-    result = np.empty((n, count, len(columns)))
-    state = np.zeros((count, levels, len(columns)))
-    for t, reading in enumerate(np.ascontiguousarray(columns.T)):
-        left = np.subtract(reading, state.sum(axis=1), out=result[t])
-        state += gain[t] * left[:, None]
-        state *= decay[t]
-    result /= np.sqrt(np.stack([one.variance for one in ladders], axis=1))[:, :, None]
-    return np.asarray(result.transpose(1, 2, 0))
+    """(R, K, n) innovations of columns (K, n) under each ladder."""
+    return np.concatenate([one.white(columns) for one in ladders])
 
 
 def transposed_by_ladders(ladders: Sequence[LadderNoise], white: Array) -> Array:
-    """(R, K, n) the transposed filters on whitened columns (R, K, n), as `LevelNoise.transposed`."""
-    gain = np.stack([one.gain * one.decay for one in ladders], axis=1)[:, :, :, None]
-    decay = ladders[0].decay[:, None, :, None]
-    root = np.sqrt(np.stack([one.variance for one in ladders], axis=1))[:, :, None]
-    result = np.ascontiguousarray(white.transpose(2, 0, 1)) / root
-    behind = np.zeros((*gain.shape[1:3], white.shape[1]))
-    for t in range(len(result) - 1, -1, -1):
-        taken = np.sum(gain[t] * behind, axis=1)
-        behind *= decay[t]
-        behind -= (taken + result[t])[:, None]
-        result[t] += taken
-    return np.asarray(result.transpose(1, 2, 0))
+    """(R, K, n) the transposed filters on whitened columns (R, K, n)."""
+    return np.concatenate([one.transposed(rows[None]) for one, rows in zip(ladders, white, strict=True)])
 
 
 def evidence(inner: Array, prior: Array, log_determinant: Array) -> Array:

@@ -23,12 +23,21 @@ from highside.diagnosis.laws.policy import LAW_GROUPS, LAW_SEARCH
 from highside.diagnosis.laws.priors import Prior, best_priors, bound_of, shown_of
 from highside.diagnosis.laws.problem import CovariateValues, LawProblem, functions_of
 from highside.diagnosis.laws.variants import ONSET, onset_knots
+from highside.physics.effects import all_effects
 from highside.physics.law import Axis, Function
 
 
 def sets_in(group: LawGroup) -> bool:
     """Whether a group is a law of something that acts from some time on."""
     return len(group.axes) > 1 and group.axes[-1].covariate == "time" and group.axes[-1].functions[0].kind == ONSET
+
+
+def lasts(group: LawGroup) -> bool:
+    """Whether a group is a law of one quantity, or an effect of the library, that no time makes."""
+    if group.effect:
+        effect = all_effects()[group.effect]
+        return not (effect.slow or "t_s" in effect.needs or any(p.epoch for p in effect.parameters))
+    return len(group.axes) == 1 and "time" not in group.depends_on
 
 
 def from_time(problem: LawProblem, base: LawGroup, at: float, tries: float) -> LawGroup:

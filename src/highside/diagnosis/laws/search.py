@@ -18,7 +18,7 @@ from highside.diagnosis.laws.few_values_policy import FEW_VALUES
 from highside.diagnosis.laws.found import Found
 from highside.diagnosis.laws.groups import LawGroup
 from highside.diagnosis.laws.noise import LawNoise, Whitener
-from highside.diagnosis.laws.onsets import Onsets, begun
+from highside.diagnosis.laws.onsets import Onsets, begun, lasts
 from highside.diagnosis.laws.other_than_time import one_for_several, without_time
 from highside.diagnosis.laws.pairs import elsewhere, further_pairs
 from highside.diagnosis.laws.policy import LAW_SEARCH
@@ -139,9 +139,10 @@ class Search(Steps):
         return bool(plain and self._quiet(state) and state.evidence - nothing.evidence >= LAW_SEARCH.gain * len(terms))
 
     def _needs_no_onset(self, state: State) -> bool:
-        """Whether, of many values, one curve of one quantity does it, or several that leave nothing but the floor: what
-        set in midway would be a surface over time, several curves, or leave more. That the one set in was tried."""
-        plain = all(len(t.group.axes) == 1 and "time" not in t.group.depends_on for t in state.terms)
+        """Whether, of many values, one curve of one quantity or one name does it, or several that leave nothing but the
+        floor: what set in midway would be a surface over time, several curves, or leave more. That the one set in was
+        tried."""
+        plain = all(lasts(term.group) for term in state.terms)
         return not self.problem.every_pair and plain and (self._quiet(state) or len(state.terms) == 1)
 
     def _quiet(self, state: State) -> bool:

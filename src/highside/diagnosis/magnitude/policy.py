@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from highside.diagnosis.core.policy import MEMORY
+from highside.diagnosis.core.memory_policy import MEMORY
 from highside.diagnosis.core.problem_policy import ProblemPolicy, SlowLimits
 
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from highside.diagnosis.core.policy import MEMORY
+from highside.diagnosis.core.memory_policy import MEMORY
 from highside.diagnosis.core.result import DiagnosisResult
 from highside.diagnosis.core.serial_correlation import RANDOM_WALK
 from highside.diagnosis.core.unexplained import hinted
