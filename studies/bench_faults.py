@@ -10,8 +10,8 @@ oscillates with that period. jump: in one pose one row is off by 2 to 200 mg, an
 temperature by 0.5 mg; right is that law. zero: the zero of the toolface changed after half of the session by 0.01 to 3
 deg; right is an error of the toolface that follows time, told or in a class, or nothing told and not "nothing". spans:
 four neighbouring poses are in m/s2; right is that these four are said. lash: the toolface stops 0.003 to 0.08 deg short
-of where it was to go, from either side, and no column says from which; right is `backlash`, or no name and not
-"nothing". Physics and noise are made here; of the product
+of where it was to go, from either side, and no column says from which; right is a play of the toolface, `stiction` or
+`backlash`, or no name and not "nothing". Physics and noise are made here; of the product
 nothing but `diagnose` is used.
 """
 
@@ -130,7 +130,7 @@ def lash(bench: Bench, size: float) -> bool:
     side = np.sign(np.diff(bench.tf, prepend=bench.tf[:1] - 1.0))
     made = bench.diagnosed(bench.load(bench.tf - size * side))
     names = {claim.effect for claim in made.claims if claim.law is None}
-    return names <= {"backlash"} and made.verdict != "nothing_left_out"
+    return names <= {"backlash", "stiction"} and made.verdict != "nothing_left_out"
 
 
 def spans(bench: Bench, size: float) -> bool:

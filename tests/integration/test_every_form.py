@@ -19,6 +19,8 @@ from highside.physics.gravity import gravity_direction
 from highside.recording.table import Recording, read_recording
 from tests.few_poses import model_of_few_poses
 
+FURTHER = pytest.mark.further
+"""a case of a kind of which others stay in every run"""
 FORMS = ("csv", "csv.gz", "parquet", "mcap")
 """what a recording may be: `simulate` writes the compressed one, `export` the others"""
 COMMANDS = {
@@ -122,7 +124,9 @@ def rows(path: Path) -> str:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize(
+    "command", [*(name for name in COMMANDS if name != "fleet"), pytest.param("fleet", marks=FURTHER)]
+)
 def test_a_command_reads_every_form_alike(
     folder: Path, project_root: Path, command: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -23,6 +23,8 @@ from highside.link.tcp_wire import TcpTransport, TcpWire
 from highside.recording import files, locks
 
 HERE = Path(__file__).parent
+FURTHER = pytest.mark.further
+"""a case of a kind of which others stay in every run"""
 
 
 def run(jobs: Sequence[Sequence[str | Path]], cwd: Path) -> subprocess.CompletedProcess[str]:
@@ -66,6 +68,7 @@ def test_files_that_are_open_stay_where_they_are(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.timeout(600)
+@FURTHER
 def test_the_desk_and_the_bench_do_their_jobs(tmp_path: Path) -> None:
     rng, rows = np.random.default_rng(1), 3000
     t, rotor = np.arange(rows) * 0.02, np.arange(rows) * 3.7 % 360.0

@@ -195,6 +195,7 @@ def test_a_second_name_that_may_be_chance_is_not_told_and_takes_no_size(
 HELD = "7a20f8c31161d807e5f66cdc0fc389ee75c07e97"
 
 
+@FURTHER
 def test_five_effects_are_named_of_which_surfaces_held_parts(tmp_path: Path) -> None:
     # three had names, and a lean of the level that follows the time stood for the rest; the five are worth 19 nats more
     row = answer(HELD, "table/five effects/0", tmp_path)

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from highside.arrays import Array
+from highside.diagnosis.approach import of_sides
 from highside.diagnosis.core.method import WHOLE, ProcedureParts
 from highside.diagnosis.core.problem import ReportData
 from highside.diagnosis.core.result import DiagnosisResult, Finding
@@ -224,7 +225,8 @@ def _poses(request: Request) -> Answer:
     diagnosis, report_data, outlying = _diagnosed_poses(request, session)
     diagnosis, report_data = with_since_move(diagnosis, report_data, since)
     every = (*found.findings, *outlying, *diagnosis.intake)
-    return Answer(with_clipping(replace(diagnosis, intake=every), found, request.axes), report_data)
+    made = with_clipping(replace(diagnosis, intake=every), found, request.axes)
+    return Answer(made, report_data, of_sides(made.claims, columns))
 
 
 def _diagnosed_poses(request: Request, session: PoseSession) -> tuple[DiagnosisResult, ReportData, tuple[Finding, ...]]:

@@ -35,7 +35,8 @@ KNOWN_COLUMNS = frozenset(_OWN_COLUMNS.split(" "))
 class ChainState:
     """Rows in time order, (N,) arrays; build with `ChainState.build`, which fills in what is not given.
 
-    `direction` is +1 or -1, the side from which the toolface was approached; `pose` counts the stops of a stepped
+    `direction` is +1 or -1, the side from which the toolface was approached, of poses that do not say it by the order
+    in which their toolfaces were set; `pose` counts the stops of a stepped
     session (continuous motion is one pose: the bench does not stop anew); `row_seconds` is the averaging time of a row.
     `since_move_s` is the time since the bench stopped at the pose, in the middle of the `stay_s` seconds that a row
     averages (0 for a single reading). `latitude_rad` is NaN where nobody said where the bench stands.
@@ -168,7 +169,7 @@ class ChainState:
             inc,
             tf,
             t_s=t_s,
-            direction=columns.get("direction", np.where(rate < 0, -1.0, 1.0)),
+            direction=columns.get("direction", np.where(rate < 0, -1.0, 1.0) if np.any(rate) else approached_from(tf)),
             temp_c=columns.get("temp_c", 25.0),
             rotor_rate_radps=rate,
             rotor_accel_radps2=slopes(rate, t_s) if moves else still,
@@ -252,6 +253,19 @@ class ChainState:
 
 LONG_GAP = 1.5
 """usual spacings from which rows are missing between two: healthy clocks jitter by less"""
+
+
+SET_ANEW_RAD = np.radians(1e-3)
+"""change of a toolface from which it was set anew: settings are written down to hundredths of a degree"""
+
+
+def approached_from(tf_rad: AnyArray) -> AnyArray:
+    """(N,) +1 where a toolface was set from below, -1 from above, by the last one that differed; +1 before any did. A
+    table that is turned by hand or by a drive goes from one angle to the next, and not over its zero."""
+    change = np.diff(tf_rad, prepend=tf_rad[:1])
+    moved = np.abs(change) > SET_ANEW_RAD
+    last = np.maximum.accumulate(np.where(moved, np.arange(tf_rad.size), 0))
+    return np.where(moved[last] & (change[last] < 0), -1.0, 1.0)
 
 
 def _gaps(t_s: AnyArray) -> NDArray[np.bool_]:

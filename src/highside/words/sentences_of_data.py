@@ -193,6 +193,10 @@ SAID = (
         "what follows time, or how fast a temperature changes, gets no name"
     ),
     said_later("the table has no column t_s: when each row was taken is not known"),
+    said_later(
+        "the recording has no column direction: from which side each toolface was approached is taken from the order "
+        "in which they were set, of a table that does not turn over its zero"
+    ),
     said_later("add a column t_s, in s"),
     said_later(
         "%(size)s rms are left out; %(part)s follows the order of the rows; the table has no column t_s, so that no"

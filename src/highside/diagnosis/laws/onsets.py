@@ -35,8 +35,9 @@ def sets_in(group: LawGroup) -> bool:
 def lasts(group: LawGroup) -> bool:
     """Whether a group is a law of one quantity, or an effect of the library, that no time makes."""
     if group.effect:
-        effect = all_effects()[group.effect]
-        return not (effect.slow or "t_s" in effect.needs or any(p.epoch for p in effect.parameters))
+        effect = all_effects().get(group.effect)
+        timed = effect is None or effect.slow or "t_s" in effect.needs or any(p.epoch for p in effect.parameters)
+        return not timed
     return len(group.axes) == 1 and "time" not in group.depends_on
 
 

@@ -111,7 +111,7 @@ class Search(Steps):
         if self.problem.every_pair and one.noise.remembers:
             one = self._from_edges(one)
         one = one if self._needs_no_onset(one) else self._from_onsets(one)
-        return self._found(self._without_time(self._beside_less_noise(one)))
+        return self._found(self._ended(self._without_time(self._beside_less_noise(one))))
 
     def resumed(self, found: Found) -> Found:
         """What was found goes on where groups have joined since, or what is taken out beyond first order has changed:
@@ -125,7 +125,16 @@ class Search(Steps):
             two = self._settled(self._learn(start.terms, self.problem.residual))
             if two.worth > one.worth - LAW_SEARCH.gain:
                 one = max((one, self._proved(self._grown(self._proved(two), relearn=True))), key=lambda s: s.worth)
-        return self._found(self._without_time(self._beside_less_noise(one)))
+        return self._found(self._ended(self._without_time(self._beside_less_noise(one))))
+
+    def _ended(self, state: State) -> State:
+        """What was found; of few values nothing, where laws are worth little beside noise far above the floor: a few of
+        them explain most of what is there, whatever it is."""
+        far = float(state.noise.times_the_floor(self.problem).max())
+        few = self.problem.n <= FEW_VALUES.most and FEW_VALUES.far <= far < FEW_VALUES.unmeasured
+        if not few or any(term.group.effect for term in state.terms) or self._worth_it_beside_what_stays(state):
+            return state
+        return self._learn([], self.problem.residual)
 
     def _at_the_floor(self, state: State, nothing: State) -> bool:
         """Whether one curve or two leave the floor alone, and are worth what laws must be beside noise alone. Curves in
