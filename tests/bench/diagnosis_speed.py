@@ -91,6 +91,8 @@ BESIDE: dict[str, Callable[[], PoseSession | RotationSession]] = {
     "144 poses, two names": lambda: held(6, TWO),
     "264 poses, nothing": lambda: held(11, {}),
     "264 poses, a law": lambda: held(11, {}, 2e-4),
+    "264 poses, a name, no floor": lambda: poses(11),
+    "12,000 rows, a name": lambda: rotation(12_000, WEAK),
     "12,300 rows, nothing": lambda: turned(12_300),
     "12,300 rows, a law": lambda: turned(12_300, 2e-4),
     "12,300 rows of 12 bits": lambda: turned(12_300, bits=BITS),
@@ -135,10 +137,10 @@ def main() -> None:
     parser.add_argument("--pairs", type=int, default=5)
     given = parser.parse_args()
     deck.diagnosed(poses(3))
-    print(f"{'case':24s}{'cpu s with laws':>17s}{'ratio':>8s}")
+    print(f"{'case':28s}{'cpu s with laws':>17s}{'ratio':>8s}")
     for name in given.laws:
         seconds, ratio, verdict = beside(BESIDE[name](), given.pairs)
-        print(f"{name:24s}{seconds:17.2f}{ratio:8.1f}  {verdict}", flush=True)
+        print(f"{name:28s}{seconds:17.2f}{ratio:8.1f}  {verdict}", flush=True)
     print(f"{'poses':>8s}{'wall s':>9s}{'cpu s':>9s}")
     for inclinations in (3, 5, 11):
         session = poses(inclinations)

@@ -148,6 +148,10 @@ def test_the_methods_of_a_recording_are_the_functions(
     known = {"sensor": MODEL["sensor"]}
     found, asked = simulation.recording.diagnose(known, seed=4), highside.diagnose(simulation.recording, known, seed=4)
     assert found.to_dict() == asked.to_dict()
+    assert str(found).startswith(f"{found.verdict} - ")
+    assert repr(found) == f"<Diagnosis of {found.source}: {found.verdict}{': ' if found.claims else ''}" + (
+        ", ".join(claim.effect for claim in found.claims) + ">"
+    )
 
 
 def test_a_certificate_shows_its_uncertainties(calibration: highside.Calibration, tmp_path: Path) -> None:

@@ -142,6 +142,16 @@ class Diagnosis:
         page = {"report.html": self.html()} if report else {}
         write_folder(Path(folder), {"diagnosis.json": json.dumps(self.to_dict(), indent=1) + "\n", **page})
 
+    def __repr__(self) -> str:
+        claims = ", ".join(claim.effect for claim in self.claims)
+        return f"<Diagnosis of {self.source}: {self.verdict}{': ' if claims else ''}{claims}>"
+
+    def __str__(self) -> str:
+        """What the command `highside diagnose` shows."""
+        from highside.report.diagnosis_lines import lines_of
+
+        return "\n".join(lines_of(self.found, self.report_data))
+
     def _repr_html_(self) -> str:
         """What a notebook shows: the verdict and the claims."""
         rows = [[claim.effect, claim_size(claim), f"{claim.p_familywise:.2g}"] for claim in self.claims]

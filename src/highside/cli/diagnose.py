@@ -171,13 +171,15 @@ def _write_and_tell(made: Diagnosis, out: Path, write_model: Path | None, *, rep
     """Write what was found, and say it; exit status 1 where the data are bad."""
     from highside.cli.kinds import MODEL_MARK
     from highside.recording.files import write_whole
+    from highside.report.diagnosis_lines import lines_of
     from highside.words import _, told
 
     learnt = made.model_toml() if write_model is not None else None
     made.save(out, report=report)
     for note in made.notes:
         echo(told(note, "diagnosis"))
-    _show(made)
+    for line in lines_of(made.found, made.report_data):
+        echo(line)
     if write_model is not None:
         if learnt is not None:
             write_whole(write_model, f"{MODEL_MARK}\n{learnt}".encode())
@@ -238,27 +240,3 @@ def _rows_of(
         rows = decode_recording(recording, codec, config)
     with as_options(**{"first_s, last_s": "--from, --to"}):
         return api.rows_of(rows, first_s=first_s, last_s=last_s)
-
-
-def _show(made: Diagnosis) -> None:
-    """The diagnosis in lines: verdict, claims, causes, what to look at."""
-    from highside.report.diagnosis_claims import claim_size, confounded, first_sentence, others_of
-    from highside.report.diagnosis_words import blame, tested, verdict_words
-    from highside.report.misfit_steps import shares_of
-    from highside.words import _, told
-
-    diagnosis = made.found
-    # the shares that the page has
-    said = first_sentence(diagnosis, shares_of(diagnosis, made.report_data), verdict_words(diagnosis))
-    echo(f"{diagnosis.verdict} - {said}{tested(diagnosis)}")
-    for claim in diagnosis.claims:
-        echo(f"{claim.effect}: {claim_size(claim)}")
-        if others_of(claim):
-            echo(f"  {confounded(claim)}")
-    if blame(diagnosis):
-        echo(_("to blame: %(what)s", what=blame(diagnosis)))
-    # beside a name the first says what is left, and the page the others
-    for hint in diagnosis.remainder.hints if not diagnosis.claims else diagnosis.remainder.hints[:1]:
-        echo(f"  {told(hint)}")
-    for finding in diagnosis.intake:
-        echo(f"{finding.check} ({', '.join(finding.channels)}): {told(finding.remedy)}")
