@@ -50,6 +50,16 @@ def test_creep_that_follows_the_pose_is_found() -> None:
     assert any("creep" in one.remedy and one.channels == ("ay",) for one in found)
 
 
+@pytest.mark.parametrize("size_g", [1e-2, 1.0])
+def test_what_each_pose_does_its_own_way_no_pose_does_alike(size_g: float) -> None:
+    """A slow oscillation, cut by the poses: the mean of their trends was told as one that they have in common."""
+    for seed in range(6):
+        began = np.cumsum(np.random.default_rng(seed).uniform(12.0, 100.0, POSES))
+        course = size_g * np.sin(2 * np.pi * (began[:, None] + STEP_S * np.arange(ROWS)) / 251.0)
+        (found,) = within_poses(recording(course, seed), rows_of(), STEP_S)
+        assert "each pose its own way" in found.remedy and found.channels == ("ay",)
+
+
 def test_a_converter_coarser_than_the_noise_creeps_nowhere() -> None:
     """Poses that jump by a step of the converter, beside others that stay, crept in 55 of 300 such sessions."""
     rng = np.random.default_rng(5)

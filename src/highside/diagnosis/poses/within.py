@@ -206,22 +206,22 @@ def _courses(left: Array, row_seconds: float, rounding: float) -> list[_Course]:
         return []
     trends = scores[:, 1:]
     found = []
-    # the mean over the poses: one course that all have in common
-    common = trends.mean(axis=0)
-    gain = poses * float(common @ common) / noise
-    p = float(fdtrc(len(shapes), freedom, gain / len(shapes)))
-    if p < WITHIN.chance and gain > WITHIN.share * length:
+    # the poses' own trends about the course that all have in common, which is no more than their mean
+    common, shares = trends.mean(axis=0), (poses - 1) * len(shapes)
+    square = float(np.sum((trends - common) ** 2)) / (noise * shares)
+    own = float(fdtrc(shares, freedom, square))
+    each_its_own = own < WITHIN.chance and square > WITHIN.least_ratio
+    scatter, known = (noise * square, shares) if each_its_own else (noise, freedom)
+    gain = poses * float(common @ common)
+    p = float(fdtrc(len(shapes), known, gain / scatter / len(shapes)))
+    if p < WITHIN.chance and gain > WITHIN.share * length * noise:
         course = (left.mean(axis=0) @ shapes.T) @ shapes
         found.append(_Course(_settles(course, row_seconds), float(np.ptp(course)), p))
-    # the poses' own trends about it
-    own = trends - common
-    square = float(np.sum(own**2)) / (noise * (poses - 1) * len(shapes))
-    p = float(fdtrc((poses - 1) * len(shapes), freedom, square))
-    if p < WITHIN.chance and square > WITHIN.least_ratio:
+    if each_its_own:
         each = np.linalg.solve(r, (scores - scores.mean(axis=0)).T)[1:].T @ shapes
         excess = 1.0 - 1.0 / square
         size = float(np.sqrt(excess * np.mean(np.ptp(each, axis=1) ** 2)))
-        found.append(_Course("readings creep while a pose is held, each pose its own way", size, p))
+        found.append(_Course("readings creep while a pose is held, each pose its own way", size, own))
     line = _line(left - (left @ shapes.T) @ shapes, phi, row_seconds)
     return [*found, *([line] if line is not None else [])]
 
