@@ -13,6 +13,7 @@ from highside.config.model import Model
 from highside.diagnosis.core.memory_policy import MEMORY
 from highside.diagnosis.core.method import ProcedureParts
 from highside.diagnosis.core.problem import ReportData
+from highside.physics.covariates import lag_of
 from highside.physics.forward import ForwardModel
 from highside.physics.state import ChainState
 from studies.open_world import judging
@@ -213,3 +214,13 @@ def test_a_jump_in_the_rows_of_one_pose_hides_no_law(tmp_path: Path) -> None:
 def test_rows_of_heavy_tails_are_no_law_of_the_time_since_a_move(tmp_path: Path) -> None:
     # it predicted none of the poses that were held out
     assert answer(HELD, "null/104", tmp_path)["answer"]["verdict"] == "nothing_left_out"
+
+
+def test_a_strong_law_of_a_temperature_whose_lag_no_list_holds_is_none_of_the_time(tmp_path: Path) -> None:
+    # none of the lags of the list does what one of 602 s does at a strength of 685,000; told as a law of the time it
+    # predicted the other session worse than nothing (-2.51)
+    row = answer("8dc7ed3d6d795879a3857e0d2962d8c77becaa6a", "law/264", tmp_path)
+    (claim,) = row["answer"]["claims"]
+    (follows,) = claim["depends_on"]
+    assert lag_of(follows) == pytest.approx(602, rel=0.01)
+    assert row["closed"] > 0.999

@@ -79,8 +79,10 @@ def best_between(
     among: Whitened, others: Sequence[LawTerm], tried: list[LawGroup]
 ) -> tuple[LawGroup, float, Prior] | None:
     """The best of laws that differ in one number, and of what lies between it and its neighbours: the group, nats that
-    it gains beside the other terms, and its prior. None where nothing is left of any."""
+    it gains beside the other terms, and its prior. None where nothing is left of any, or there are none."""
     problem, best = among.families.problem, None
+    if not tried:
+        return None
     for step in (1.0, *(LAW_LAGS.steps_of_wave if period_of(tried[0]) else LAW_LAGS.steps)):
         if not tried:
             break

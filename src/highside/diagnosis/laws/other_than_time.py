@@ -13,7 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from highside.arrays import Array
-from highside.diagnosis.laws.between import is_temperature, lagging
+from highside.diagnosis.laws.between import best_between, is_temperature, lagging
 from highside.diagnosis.laws.classes import ran_together
 from highside.diagnosis.laws.classes_policy import LAW_CLASS
 from highside.diagnosis.laws.evidence import Families, LawTerm, Whitened
@@ -22,6 +22,7 @@ from highside.diagnosis.laws.noise import Whitener
 from highside.diagnosis.laws.policy import LAW_GROUPS
 from highside.diagnosis.laws.problem import LawProblem
 from highside.diagnosis.laws.variants import finer
+from highside.physics.covariates import lag_of
 
 TIME = "time"
 
@@ -56,6 +57,11 @@ def without_time(
         tried = instead_of_time(problem, groups, term.group)
         if tried:
             among = Whitened(Families(problem, [term.group, *tried]), whitener, residual)
+            # a strong law of a temperature shows a lag that is between those of the list
+            others = [t for i, t in enumerate(made) if i != k]
+            lagged = [g for g in tried if any(lag_of(name) for name in g.depends_on)]
+            if (best := best_between(among, others, lagged)) is not None and best[0] not in tried:
+                among = Whitened(Families(problem, [term.group, *tried, best[0]]), whitener, residual)
             made[k] = _as_good(among, made, k) or term
     return made
 
