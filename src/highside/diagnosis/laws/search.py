@@ -127,6 +127,11 @@ class Search(Steps):
                 one = max((one, self._proved(self._grown(self._proved(two), relearn=True))), key=lambda s: s.worth)
         return self._found(self._ended(self._without_time(self._beside_less_noise(one))))
 
+    def _measured(self, state: State) -> bool:
+        """Whether the floor is one of noise, and not of the readings' rounding: beside that alone all shows, and means
+        nothing."""
+        return float(state.noise.times_the_floor(self.problem).max()) < FEW_VALUES.unmeasured
+
     def _ended(self, state: State) -> State:
         """What was found; of few values nothing, where laws are worth little beside noise far above the floor: a few of
         them explain most of what is there, whatever it is."""
@@ -166,7 +171,7 @@ class Search(Steps):
             return best
         floor = State([], LawNoise.floor_alone(self.problem), -np.inf, self.problem.residual)
         start, least = best, best.less_tries
-        for state in (floor, best):
+        for state in (floor, best) if self._measured(best) else (best,):
             for group in best_products(self._whitened(state), state.terms, self.groups):
                 made = self._with_product(state.terms, group)
                 # beside a law of one of its quantities it may follow what the functions of that leave
@@ -199,8 +204,7 @@ class Search(Steps):
                 best = max((best, made), key=lambda s: s.worth)
             if best is made and not still:
                 break
-        measured = float(learnt.max()) < FEW_VALUES.unmeasured
-        return self._step_by_step(best) if measured and not best.terms else best
+        return self._step_by_step(best) if self._measured(best) and not best.terms else best
 
     def _from_curves(self, best: State) -> State:
         """What was found, or what begins with laws of one covariate each and does better.
@@ -355,7 +359,8 @@ class Search(Steps):
         """What was found, or what begins with a law that sets in midway and does better."""
         floor = LawNoise.floor_alone(self.problem)
         best, groups = first, list[LawGroup]()
-        for noise in (floor, *([] if first.noise.remembers else [first.noise])):
+        own = [] if first.noise.remembers else [first.noise]
+        for noise in [floor, *own] if self._measured(first) or not own else own:
             state = State([], noise, -np.inf, first.residual)
             onsets = Onsets(self.problem, Whitener(self.problem, noise), first.residual)
             if not onsets.knots.size:
