@@ -3,13 +3,12 @@
     python -m studies.open_world.true_sets --seed HASH --answers FILE [--design rotation] [--only NAMES] [--minutes M]
 
 Of each case of laws, or of a sweep of one, of strength 400 and more in FILE (of `studies.open_world.score` on the same
-deck) that is not in the class told, the session is diagnosed again. Where its last search ends, the groups of the true
-places and covariates, on whatever channels, are put in the place of what was found: one for each true law, more while
-one gains 12 nats; sized and with the noise learned in turn, from the noise of the search and from the floor. Told is
-the worth of both (log evidence, 6 nats less for each law): a true set of less worth cannot be told by a search that
-judges by evidence; one of more was missed by its steps; one of the same was found and not told, for its laws predict no
-values that were held out. A true law that has no group (a product that was not tried) is told; onsets are not among
-these.
+deck) that is not in the class told, the session is diagnosed again. Where the last search that has most of them ends,
+another begins with nothing but the groups of the true places and covariates, on whatever channels: with the same
+starts, products, variants and onsets of these, and without laws of anything else. Told is the worth of what both end
+with (log evidence, 6 nats less for each law, and the logarithm of how many like it are tried): a true set of less worth
+cannot be told by a search that judges by evidence; one of more was missed by its steps; one of the same was found and
+not told, for its laws predict no values that were held out. A true law that has no group is told.
 """
 
 from __future__ import annotations
@@ -26,10 +25,7 @@ from unittest import mock
 
 import numpy as np
 
-from highside.diagnosis.laws.evidence import LawTerm
 from highside.diagnosis.laws.groups import LawGroup
-from highside.diagnosis.laws.noise import LawNoise
-from highside.diagnosis.laws.policy import LAW_SEARCH
 from highside.diagnosis.laws.products import ProductGroup
 from highside.diagnosis.laws.search import Search
 from highside.diagnosis.laws.state import State
@@ -40,8 +36,6 @@ from .laws import Law
 Row = dict[str, Any]
 LEAST = 400.0
 """strength from which the bars count a case"""
-ROUNDS = 4
-"""of sizes and noise in turn; a third changed nothing in six cases looked at"""
 
 
 @dataclass(frozen=True)
@@ -54,67 +48,65 @@ class Compared:
     """true laws for which there is no group"""
 
 
-def _plain(name: str) -> str:
-    return "temp_filtered" if name.startswith("temp_filtered") else name
+def is_of(group: LawGroup, law: Law, design: str = "poses") -> bool:
+    """Whether a group acts where a law does and follows what it follows, in whatever words the judging accepts. No
+    product that a search made is: it was made for what that found."""
+    if group.effect or isinstance(group, ProductGroup):
+        return False
+    follows = frozenset("temp_filtered" if n.startswith("temp_filtered") else n for n in group.depends_on)
+    return (group.place, follows) in judging.accepted(law.plain(), design)
 
 
-def is_of(group: LawGroup, law: Law) -> bool:
-    """Whether a group is in the place of a law and follows what it follows. No product is: it was made for what a
-    search found, and its worth is without what its second function costs."""
-    same = sorted(map(_plain, group.depends_on)) == sorted(map(_plain, law.covariates))
-    return not (group.effect or isinstance(group, ProductGroup)) and group.place == law.place and same
+class Among(Search):
+    """A search among some groups, and what they become, alone."""
+
+    def _from_edges(self, best: State) -> State:
+        return best
+
+    def _from_onsets(self, first: State) -> State:
+        return first
+
+    def _without_time(self, state: State) -> State:
+        return state
+
+    def _ended(self, state: State) -> State:
+        return state
 
 
-def true_set(search: Search, laws: Sequence[Law], found: State) -> State | None:
-    """The likeliest state of groups of the true laws; None where there is none of any."""
-    best = None
-    own = [[g for g in search.groups if is_of(g, law)] for law in laws]
-    for start in (found.noise, LawNoise.floor_alone(search.problem)):
-        noise, terms = start, dict[int, LawTerm]()
-        for _ in range(ROUNDS):
-            white = search._whitened(State([], noise, 0.0, found.residual))
-            for k, groups in enumerate(own):
-                others = [t for i, t in terms.items() if i != k]
-                if groups and (one := _best(white.of_groups(groups).scores(others), groups)) is not None:
-                    terms[k] = one[0]
-            every = [g for groups in own for g in groups]
-            more = list(terms.values())
-            while every and (one := _best(white.of_groups(every).scores(more), every)) is not None:
-                if one[1] < LAW_SEARCH.gain or len(more) >= LAW_SEARCH.most:
-                    break
-                more.append(one[0])
-            if not more:
-                return None
-            state = search._learn(more, search.problem.residual)
-            noise = state.noise
-            if best is None or state.worth > best.worth:
-                best = state
-    return best
+def true_set(search: Search, laws: Sequence[Law], design: str) -> float | None:
+    """What the likeliest groups of the true laws are worth, in nats; None where there is none of any."""
+    groups = [g for g in search.groups if any(is_of(g, law, design) for law in laws)]
+    worths: list[float] = []
 
+    def noted(_: Search, state: State) -> None:
+        worths.append(state.less_tries)
 
-def _best(scored: tuple[np.ndarray, list[Any]], groups: Sequence[LawGroup]) -> tuple[LawTerm, float] | None:
-    gains, priors = scored
-    at = int(np.argmax(gains))
-    return (LawTerm(groups[at], priors[at]), float(gains[at])) if np.isfinite(gains[at]) else None
+    with mock.patch.object(Among, "_found", noted):
+        if groups:
+            Among(search.problem, groups).run()
+    return worths[-1] if worths else None
 
 
 def compared(seed: str, name: str) -> tuple[Row, Compared | None]:
     """What is told of a case now, and what its last search found beside what was hidden."""
     case = score.every_case(seed, (name.split("/")[0],))[name]()
-    last: list[Compared] = []
+    best: list[Compared] = []
     found_of = Search._found
 
     def and_compare(search: Search, state: State) -> Any:
         found = found_of(search, state)
         nothing = search._learn([], search.problem.residual).worth
-        true = true_set(search, case.laws, state)
-        lacking = sum(not any(is_of(g, law) for g in search.groups) for law in case.laws)
-        last[:] = [Compared(state.worth - nothing, true.worth - nothing if true else -np.inf, lacking)]
+        true = true_set(search, case.laws, case.design)
+        lacking = sum(not any(is_of(g, law, case.design) for g in search.groups) for law in case.laws)
+        one = Compared(state.less_tries - nothing, -np.inf if true is None else true - nothing, lacking)
+        # names are compared by searches of their own, that have no laws or few
+        if not best or one.lacking <= best[0].lacking:
+            best[:] = [one]
         return found
 
     with mock.patch.object(Search, "_found", and_compare), tempfile.TemporaryDirectory() as folder:
         row = score.run_case(case, Path(folder))
-    return row, last[0] if last else None
+    return row, best[0] if best else None
 
 
 def main() -> None:
