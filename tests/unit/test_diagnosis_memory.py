@@ -13,11 +13,14 @@ import pytest
 
 from highside.arrays import Array
 from highside.diagnosis.core.observed import Observed
-from highside.diagnosis.laws import evidence
-from highside.diagnosis.laws.evidence import Families, Whitened
+from highside.diagnosis.laws import families, on_channels
+from highside.diagnosis.laws.evidence import LawTerm, Whitened
+from highside.diagnosis.laws.families import Families
 from highside.diagnosis.laws.found import Found
 from highside.diagnosis.laws.groups import groups_of
 from highside.diagnosis.laws.noise import LawNoise, Whitener
+from highside.diagnosis.laws.policy import LAW_EVIDENCE
+from highside.diagnosis.laws.priors import Prior
 from highside.diagnosis.laws.problem import LawProblem
 from highside.diagnosis.laws.search import Search
 from highside.diagnosis.rows import scratch
@@ -32,7 +35,8 @@ FURTHER = pytest.mark.further
 
 
 def _nothing_kept(patched: pytest.MonkeyPatch) -> None:
-    patched.setattr(evidence, "LAW_EVIDENCE", replace(evidence.LAW_EVIDENCE, kept=0))
+    for module in (families, on_channels):
+        patched.setattr(module, "LAW_EVIDENCE", replace(LAW_EVIDENCE, kept=0))
 
 
 def _law_problem() -> LawProblem:
@@ -77,6 +81,31 @@ def test_gains_are_the_same_from_columns_made_anew_in_a_part_of_the_memory(
     anew, little = scored()
     np.testing.assert_allclose(anew, kept, rtol=1e-9)
     assert little < 0.6 * much
+
+
+def test_inner_products_of_one_shape_of_noise_serve_noises_of_all_sizes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whatever was looked at before: the factor of each channel, another shape on one of them, laws beside it."""
+    _nothing_kept(monkeypatch)
+    posed = replace(_law_problem(), jitter=None)
+    groups = groups_of(posed)
+    floor = LawNoise.floor_alone(posed)
+    level = replace(floor, share=np.array([0.0, 2.0, 0.0]), length=np.array([1.0, 300.0, 1.0]))
+    noises = [
+        floor,
+        replace(floor, factor=np.array([1.0, 3.0, 1.7])),
+        replace(level, factor=np.array([2.0, 1.2, 1.0])),
+        replace(level, ladder=np.array([0.5, 0.0, 0.0])),
+        floor,
+    ]
+    shared = Families(posed, groups)
+    chosen = [LawTerm(groups[3], Prior(1e-8, 3.0)), LawTerm(groups[-2], Prior(1e-8, 3.0))]
+    for noise in noises:
+        for terms in (chosen[:1], chosen):
+            again = Whitened(shared, Whitener(posed, noise), posed.residual)
+            anew = Whitened(Families(posed, groups), Whitener(posed, noise), posed.residual)
+            np.testing.assert_allclose(again.scores(terms)[0], anew.scores(terms)[0], rtol=1e-9, atol=1e-9)
+            does = again.left_of(terms, [0])
+            np.testing.assert_array_equal(again.may_reproduce(does), anew.may_reproduce(does))
 
 
 def test_a_design_is_the_same_with_columns_in_a_file(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -127,3 +127,28 @@ def test_few_nodes_stand_for_all_rows_of_a_cell(kind: str) -> None:
         np.testing.assert_allclose(np.sum((at / 360.0) ** power * weights, axis=0), exact, rtol=1e-9, atol=1e-12)
     exact = cells.mean(np.cos(np.radians(4.0 * values)))
     np.testing.assert_allclose(np.sum(np.cos(np.radians(4.0 * at)) * weights, axis=0), exact, atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("covariate", "function"),
+    [
+        ("time", Function("step", (151.4,))),
+        ("time", Function("ramp", (92.3,))),
+        ("time", Function("decay", (120.0, 12.0))),
+        ("time", Function("decay", (0.0, 0.4))),
+        ("tf", Function("dent", (40.0, 6.0))),
+        ("tf", Function("dent", (350.0, 24.0))),
+    ],
+    ids=str,
+)
+def test_functions_with_corners_and_narrow_ones_are_means_over_the_rows_of_a_cell(
+    covariate: str, function: Function
+) -> None:
+    rows = session()
+    laws = ChainSession.of_rotation(rows, ("bias",), np.zeros((3, rows.n)) + 1e-3)
+    problem = laws.problem(ForwardModel.of({}), np.zeros_like(laws.floor))
+    values = rows.state.t_s if covariate == "time" else np.mod(np.degrees(rows.state.tf_rad), 360.0)
+    axis = Axis(covariate, float(values.min()), float(values.max()), (function,))
+    exact = cells_of(rows).mean(axis.basis(values))
+    assert np.ptp(exact) > 0.3
+    np.testing.assert_allclose(functions_of(problem.covariates, axis), exact, atol=1e-4)

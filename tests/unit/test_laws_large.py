@@ -8,7 +8,8 @@ import pytest
 from test_laws_search import PLAIN, problem, session
 
 from highside.diagnosis.laws.claims import size_beside_free
-from highside.diagnosis.laws.evidence import Families, Whitened
+from highside.diagnosis.laws.evidence import Whitened
+from highside.diagnosis.laws.families import Families
 from highside.diagnosis.laws.noise import LawNoise, Whitener
 from studies.open_world import judging, score
 

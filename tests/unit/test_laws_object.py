@@ -143,3 +143,14 @@ def test_a_law_that_is_not_in_order_is_refused_by_its_field(change: dict, field:
     with pytest.raises(InputError, match=field) as raised:
         parse_model({"laws": [table]}, where="model.toml")
     assert "model.toml" in str(raised.value)
+
+
+@pytest.mark.parametrize("kind", ["cosine", "wide_cosine"])
+@pytest.mark.parametrize("constant", [False, True])
+def test_cosines_taken_together_are_what_each_is_alone(kind: str, constant: bool) -> None:
+    waves = tuple(Function(kind, (float(k),)) for k in range(1, 17))
+    made = Axis("temp", -10.0, 50.0, (Function("one"), *waves) if constant else waves)
+    values = np.concatenate([np.linspace(-20.0, 60.0, 999), [-10.0, 50.0, 20.0]])
+    held, fall = made.held(values)
+    alone = np.stack([function(held, (made.low, made.high)) for function in made.functions]) * fall
+    np.testing.assert_allclose(made.basis(values), alone, atol=1e-12)

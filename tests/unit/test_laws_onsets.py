@@ -9,7 +9,8 @@ from highside.api.diagnosis import Diagnosis
 from highside.config.model import Model
 from highside.diagnosis.core.result import Claim, DiagnosisResult
 from highside.diagnosis.laws.acting import known_where_it_acted
-from highside.diagnosis.laws.evidence import Families, LawTerm, Whitened
+from highside.diagnosis.laws.evidence import LawTerm, Whitened
+from highside.diagnosis.laws.families import Families
 from highside.diagnosis.laws.groups import LawGroup, groups_of
 from highside.diagnosis.laws.noise import LawNoise, Whitener
 from highside.diagnosis.laws.onsets import Onsets, begun, sets_in

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from highside.api.diagnosis import diagnose
-from highside.diagnosis.laws.evidence import Families, Whitened
+from highside.diagnosis.laws.evidence import Whitened
+from highside.diagnosis.laws.families import Families
 from highside.diagnosis.laws.groups import groups_of
 from highside.diagnosis.laws.noise import LawNoise, Whitener
 from highside.diagnosis.laws.problem import LawProblem, PlaceField

@@ -11,7 +11,8 @@ from highside.diagnosis.core.observed import Observed
 from highside.diagnosis.laws.chain import chain_problem
 from highside.diagnosis.laws.claims import reported_laws
 from highside.diagnosis.laws.effects import EffectGroup
-from highside.diagnosis.laws.evidence import Families, LawTerm, Whitened
+from highside.diagnosis.laws.evidence import LawTerm, Whitened
+from highside.diagnosis.laws.families import Families
 from highside.diagnosis.laws.few_values_policy import FEW_VALUES
 from highside.diagnosis.laws.found import Found
 from highside.diagnosis.laws.groups import groups_of

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from highside.diagnosis.laws.effects import EffectGroup
-from highside.diagnosis.laws.evidence import Families, LawTerm, Whitened, raw_columns_of
+from highside.diagnosis.laws.evidence import LawTerm, Whitened
+from highside.diagnosis.laws.families import Families, raw_columns_of
 from highside.diagnosis.laws.formulas import Closed
 from highside.diagnosis.laws.groups import groups_of
 from highside.diagnosis.laws.noise import LawNoise, Whitener

@@ -92,6 +92,13 @@ class CellMeans:
         found, vectors = np.linalg.eigh(jacobi)
         return middle + np.where(np.isfinite(unit), unit, 0.0) * found.T, vectors[:, 0].T ** 2, spread
 
+    def extent(self, values: Array) -> tuple[Array, Array]:
+        """Of values (n,) the smallest and the largest (m,) within each cell."""
+        number, own = self.number[self._used], values[self._used]
+        order = np.argsort(number, kind="stable")
+        starts = np.searchsorted(number[order], np.arange(self.count.size))
+        return np.minimum.reduceat(own[order], starts), np.maximum.reduceat(own[order], starts)
+
     def within(self, wanted: NDArray[np.bool_]) -> tuple[Ints, Callable[[Array], Array]]:
         """The rows (N,) of the cells `wanted` (m,), and what takes (..., N) to (..., m): means of these cells."""
         rows = np.flatnonzero(wanted[self.number] & (self.number >= 0))

@@ -63,6 +63,18 @@ def _cosine(u: AnyArray, span: Span, order: AnyArray | float) -> AnyArray:
     return np.cos(np.pi * order * (u - low) / (high - low if high > low else 1.0))
 
 
+def _cosines(u: AnyArray, span: Span, count: int) -> AnyArray:
+    """(count, n) the cosines of orders 1 to count, as powers of exp(i x): right to `count` roundings, in a tenth of the
+    time that as many cosines take."""
+    low, high = span
+    first = np.exp(1j * np.pi * (u - low) / (high - low if high > low else 1.0))
+    power, made = np.ones_like(first), np.empty((count, u.size))
+    for row in made:
+        power *= first
+        row[:] = power.real
+    return made
+
+
 def _bump(u: AnyArray, span: Span, centre: float, width: float) -> AnyArray:
     return np.exp(-0.5 * ((u - centre) / width) ** 2)
 
@@ -83,9 +95,13 @@ def _straight(u: AnyArray, span: Span) -> AnyArray:
 
 def _wide_cosine(u: AnyArray, span: Span, order: AnyArray | float) -> AnyArray:
     """A cosine over a range that is wider than the one visited: within that it has a slope at the ends as well."""
+    return _cosine(u, _wider(span), order)
+
+
+def _wider(span: Span) -> Span:
     low, high = span
     room = MARGIN * (high - low)
-    return _cosine(u, (low - room, high + room), order)
+    return low - room, high + room
 
 
 FUNCTIONS: dict[str, tuple[Shape, int, str]] = {
@@ -154,6 +170,10 @@ class Axis:
     def basis(self, u: AnyArray) -> AnyArray:
         """(m, n) the functions at values (n,), tapered beyond the range."""
         span, (held, fall) = (self.low, self.high), self.held(u)
+        if count := self._consecutive:
+            wide = _wider(span) if self.functions[-1].kind == "wide_cosine" else span
+            constant = np.ones((len(self.functions) - count, held.size))
+            return np.asarray(np.concatenate([constant, _cosines(held, wide, count)]) * fall)
         if self._orders is not None:
             waves = FUNCTIONS[self.functions[0].kind][0]
             return np.asarray(waves(held, span, self._orders) * fall)
@@ -165,6 +185,14 @@ class Axis:
         if {f.kind for f in self.functions} not in ({"cosine"}, {"wide_cosine"}):
             return None
         return np.array([f.numbers for f in self.functions])
+
+    @cached_property
+    def _consecutive(self) -> int:
+        """How many cosines of orders 1, 2, ... the functions are, behind a constant or not; 0 where they are others."""
+        waves = self.functions[1:] if self.functions and self.functions[0].kind == "one" else self.functions
+        kinds, orders = {f.kind for f in waves}, [f.numbers for f in waves]
+        regular = orders == [(float(k),) for k in range(1, len(waves) + 1)]
+        return len(waves) if regular and kinds in ({"cosine"}, {"wide_cosine"}) else 0
 
     def held(self, u: AnyArray) -> tuple[AnyArray, AnyArray]:
         """Values (n,) held within the range, and the factors (n,) by which what lies beyond it falls off."""

@@ -48,6 +48,7 @@ class Rows(Protocol):
 
     def mean(self, values: Array) -> Array: ...
     def nodes(self, values: Array) -> tuple[Array, Array, Array]: ...
+    def extent(self, values: Array) -> tuple[Array, Array]: ...
     def within(self, wanted: NDArray[np.bool_]) -> tuple[NDArray[np.intp], Callable[[Array], Array]]: ...
 
 
@@ -65,6 +66,10 @@ class AllRows:
     def nodes(self, values: Array) -> tuple[Array, Array, Array]:
         """Of values (N,) nodes and weights (k, n) of the means of smooth functions of them, and their scatter (n,)."""
         return self.cells.nodes(values)
+
+    def extent(self, values: Array) -> tuple[Array, Array]:
+        """Of values (N,) the smallest and the largest (n,)."""
+        return self.cells.extent(values)
 
     def within(self, wanted: NDArray[np.bool_]) -> tuple[NDArray[np.intp], Callable[[Array], Array]]:
         """The rows (M,) for which the values `wanted` (n,) stand, and what takes (..., M) to (..., n)."""

@@ -9,7 +9,8 @@ from functools import cache, partial
 import numpy as np
 
 from highside.diagnosis.laws.classes_policy import LAW_CLASS
-from highside.diagnosis.laws.evidence import LawTerm, Whitened, raw_columns_of
+from highside.diagnosis.laws.evidence import LawTerm, Whitened
+from highside.diagnosis.laws.families import raw_columns_of
 from highside.diagnosis.laws.groups import (
     LAGGING,
     LawGroup,

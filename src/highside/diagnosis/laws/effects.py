@@ -116,5 +116,9 @@ class EffectGroup(LawGroup):
     def size(self) -> int:
         return len(self.table)
 
-    def columns(self) -> Array:
-        return self.table[:, list(self.channels)]
+    def columns(self, out: Array | None = None) -> Array:
+        own = self.table[:, list(self.channels)]
+        if out is None:
+            return own
+        out[:] = own
+        return out

@@ -10,7 +10,8 @@ import numpy as np
 
 from highside.arrays import Array
 from highside.diagnosis.laws.classes import Class
-from highside.diagnosis.laws.evidence import Families, LawTerm, Whitened
+from highside.diagnosis.laws.evidence import LawTerm, Whitened
+from highside.diagnosis.laws.families import Families
 from highside.diagnosis.laws.groups import LawGroup
 from highside.diagnosis.laws.learning import NoiseLearner
 from highside.diagnosis.laws.noise import LawNoise, Whitener

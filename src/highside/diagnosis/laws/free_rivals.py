@@ -16,7 +16,8 @@ from highside.diagnosis.core.finding_policy import FLOOR
 from highside.diagnosis.core.result import Claim
 from highside.diagnosis.laws.classes_policy import LAW_CLASS
 from highside.diagnosis.laws.effects import EffectGroup
-from highside.diagnosis.laws.evidence import Families, LawTerm, Whitened
+from highside.diagnosis.laws.evidence import LawTerm, Whitened
+from highside.diagnosis.laws.families import Families
 from highside.diagnosis.laws.found import Found
 from highside.diagnosis.laws.groups import LawGroup
 from highside.diagnosis.laws.noise import Whitener

@@ -115,12 +115,14 @@ class LawGroup:
         """Number of columns."""
         return len(self.units) * int(self.order.size)
 
-    def columns(self) -> Array:
-        """(u m, c, n) what one unit of each coefficient does to the channels that it acts on."""
-        ch = list(self.channels)
-        if len(self.units) == 1:
-            return np.asarray(self.basis[0][:, None] * self.units[0].field[None, ch])
-        return np.concatenate([b[:, None] * u.field[None, ch] for u, b in zip(self.units, self.basis, strict=True)])
+    def columns(self, out: Array | None = None) -> Array:
+        """(u m, c, n) what one unit of each coefficient does to the channels that it acts on; in `out` where that is
+        given."""
+        ch, n = list(self.channels), self.basis.shape[-1]
+        made = np.empty((self.size, len(ch), n)) if out is None else out
+        for i, (unit, basis) in enumerate(zip(self.units, self.basis, strict=True)):
+            np.multiply(basis[:, None], unit.field[None, ch], out=made[i * len(basis) : (i + 1) * len(basis)])
+        return made
 
 
 class Bases:

@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 from highside.arrays import Array
 from highside.diagnosis.core.markov import LevelNoise
 from highside.diagnosis.core.regression import flattened, outside
-from highside.diagnosis.laws.evidence import LawTerm, orthonormal, raw_columns_of
+from highside.diagnosis.laws.evidence import LawTerm, orthonormal
+from highside.diagnosis.laws.families import raw_columns_of
 from highside.diagnosis.laws.groups import LawGroup
 from highside.diagnosis.laws.noise import (
     LadderNoise,

@@ -106,6 +106,13 @@ class Whitener:
         same = one.floor is two.floor and one.t_s is two.t_s and one.jitter is two.jitter
         return same and all(np.array_equal(mine[name], its[name]) for name in mine)
 
+    def of_shape(self, c: int, other: Whitener) -> bool:
+        """Whether one channel's noise is that of another whitener but for its size, and channels mix in neither."""
+        mine, its, same = self.noise, other.noise, self.problem.floor is other.problem.floor
+        level = mine.share[c] == its.share[c] and (not mine.share[c] or mine.length[c] == its.length[c])
+        alike = level and mine.ladder[c] == its.ladder[c] and self.problem.t_s is other.problem.t_s
+        return bool(alike and same and not self.mixes and not other.mixes)
+
     def channel(self, c: int, columns: Array, out: Array | None = None) -> Array:
         """(k, n) columns of one channel, where channels do not mix; written to `out` where that is given."""
         made = self._filters[c]
@@ -137,10 +144,10 @@ class Whitener:
                     left = left - self._lower[j, i] * made[:, j]
                 made[:, i] = left / self._lower[i, i]
             return made
-        return np.stack([self._transposed(c, white[:, c]) for c in range(self.problem.count)], axis=1)
+        return np.stack([self.transposed_channel(c, white[:, c]) for c in range(self.problem.count)], axis=1)
 
-    def _transposed(self, c: int, rows: Array) -> Array:
-        """(k, n) the same of one channel."""
+    def transposed_channel(self, c: int, rows: Array) -> Array:
+        """(k, n) the same of one channel, where channels do not mix."""
         made = self._filters[c]
         if made is None:
             return np.asarray(rows / self._scale[c])

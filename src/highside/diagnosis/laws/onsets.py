@@ -15,7 +15,8 @@ import numpy as np
 from highside.arrays import Array
 from highside.diagnosis.core.regression import flattened
 from highside.diagnosis.laws.classes_policy import LAW_CLASS
-from highside.diagnosis.laws.evidence import Families, LawTerm, Whitened, inverse_of, prior_of, raw_columns
+from highside.diagnosis.laws.evidence import LawTerm, Whitened, inverse_of, prior_of, raw_columns
+from highside.diagnosis.laws.families import Families
 from highside.diagnosis.laws.groups import Bases, LawGroup, axis_of, each_place
 from highside.diagnosis.laws.noise import Whitener
 from highside.diagnosis.laws.onsets_policy import ONSETS

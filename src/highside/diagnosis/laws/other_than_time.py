@@ -16,7 +16,8 @@ from highside.arrays import Array
 from highside.diagnosis.laws.between import best_between, is_temperature, lagging
 from highside.diagnosis.laws.classes import ran_together
 from highside.diagnosis.laws.classes_policy import LAW_CLASS
-from highside.diagnosis.laws.evidence import Families, LawTerm, Whitened
+from highside.diagnosis.laws.evidence import LawTerm, Whitened
+from highside.diagnosis.laws.families import Families
 from highside.diagnosis.laws.groups import LawGroup
 from highside.diagnosis.laws.noise import Whitener
 from highside.diagnosis.laws.policy import LAW_GROUPS

@@ -6,7 +6,7 @@ each place, the covariates, and a noise floor that does not come from the misfit
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Protocol
@@ -52,20 +52,31 @@ def fields_that_act(fields: Iterable[PlaceField]) -> tuple[PlaceField, ...]:
 
 
 POLYNOMIALS = frozenset({"one", "straight", "square", "linear"})
+CORNERS = frozenset({"step", "ramp", "decay", "modulus", "sign"})
+"""functions with a corner or a step at their first number (of `sign` at zero), and smooth on either side of it"""
 
 
 def fastest_phase(axis: Axis) -> float:
-    """By how many rad the fastest function of an axis turns in a unit of its covariate; 0 where all are polynomials,
-    infinite where one has a corner or a step, or has a narrow place."""
+    """By how many rad the fastest function of an axis turns in a unit of its covariate, beside its corners; 0 where all
+    are polynomials, infinite where that is not known. A bell of width w turns by less than 4 / w: beyond that it has
+    exp(-8) of its largest wave."""
     width = (axis.high - axis.low) or 1.0
+    each = {"cosine": np.pi / width, "wide_cosine": np.pi / width, "cos": np.pi / 180.0, "sin": np.pi / 180.0}
     turns = [0.0]
     for function in axis.functions:
-        if function.kind in POLYNOMIALS:
-            continue
-        number = function.numbers[0] if function.numbers else 0.0
-        each = {"cosine": np.pi / width, "wide_cosine": np.pi / width, "cos": np.pi / 180.0, "sin": np.pi / 180.0}
-        turns.append(abs(number) * each.get(function.kind, np.inf) if number else np.inf)
+        kind, numbers = function.kind, function.numbers
+        if kind in ("dent", "bump"):
+            turns.append(4.0 / numbers[1])
+        elif kind == "decay":
+            turns.append(1.0 / numbers[1])
+        elif kind not in POLYNOMIALS | CORNERS:
+            turns.append(abs(numbers[0]) * each.get(kind, np.inf) if numbers and numbers[0] else np.inf)
     return float(max(turns))
+
+
+def corners_of(axis: Axis) -> list[float]:
+    """The values of the covariate of an axis at which a function has a corner or a step."""
+    return [f.numbers[0] if f.numbers else 0.0 for f in axis.functions if f.kind in CORNERS]
 
 
 class CovariateValues(dict[str, Array]):
@@ -82,6 +93,8 @@ class CovariateValues(dict[str, Array]):
         self._lagging: dict[str, Array] = {}
         self._functions: dict[Axis, Array] = {}
         self._nodes: dict[str, tuple[Array, Array, Array] | None] = {}
+        self._extents: dict[str, tuple[Array, Array]] = {}
+        self._last: tuple[str, Array | None] = "", None
 
     def functions(self, axis: Axis) -> Array | None:
         """(m, n) the functions of an axis, means over rows; None where that is not known."""
@@ -114,14 +127,30 @@ class CovariateValues(dict[str, Array]):
         at, weights, spread = nodes
         found = np.sum(axis.basis(at.reshape(-1)).reshape(-1, *at.shape) * weights, axis=1)
         wide = fastest * spread > LAW_GROUPS.by_nodes
+        if corners := corners_of(axis):
+            wide |= self._around(name, corners)
         if wide.any() and (values := self._of_rows(name)) is not None:
             rows, mean = self._among.within(wide)
             found[:, wide] = mean(axis.basis(values[rows]))[:, wide]
         return np.asarray(found)
 
-    def _of_rows(self, name: str) -> Array | None:
+    def _around(self, name: str, corners: Sequence[float]) -> NDArray[np.bool_]:
+        """(n,) whose rows lie on both sides of one of these values of a covariate."""
         assert self._among is not None
-        return self._lagged(name) if lag_of(name) else self._among.of(name)
+        if name not in self._extents:
+            values = self._of_rows(name)
+            assert values is not None
+            self._extents[name] = self._among.extent(values)
+            _limited(self._extents, LAW_GROUPS.nodes_kept)
+        low, high = self._extents[name]
+        return np.asarray(np.any([(low <= at) & (at <= high) for at in corners], axis=0))
+
+    def _of_rows(self, name: str) -> Array | None:
+        """(N,) a covariate at all rows; that of the last is known."""
+        assert self._among is not None
+        if self._last[0] != name:
+            self._last = name, self._lagged(name) if lag_of(name) else self._among.of(name)
+        return self._last[1]
 
     def spread_of_times(self) -> Array | None:
         """(n,) standard deviation in s of the times of the rows of each value; None where a value is a row."""
@@ -164,6 +193,9 @@ class RowValues(Protocol):
 
     def nodes(self, values: Array) -> tuple[Array, Array, Array]:
         """Of values (N,) nodes and weights (k, n) of the means of smooth functions, and their scatter (n,)."""
+
+    def extent(self, values: Array) -> tuple[Array, Array]:
+        """Of values (N,) the smallest and the largest (n,)."""
 
     def within(self, wanted: NDArray[np.bool_]) -> tuple[NDArray[np.intp], Callable[[Array], Array]]:
         """The rows (M,) for which the values `wanted` (n,) stand, and what takes (..., M) to (..., n)."""

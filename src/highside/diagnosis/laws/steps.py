@@ -9,7 +9,8 @@ import numpy as np
 from highside.arrays import Array
 from highside.diagnosis.laws.between import best_between, between_of
 from highside.diagnosis.laws.effects import EffectGroup
-from highside.diagnosis.laws.evidence import Families, LawTerm, Whitened, raw_columns
+from highside.diagnosis.laws.evidence import LawTerm, Whitened, raw_columns
+from highside.diagnosis.laws.families import Families
 from highside.diagnosis.laws.groups import LawGroup, groups_of
 from highside.diagnosis.laws.learning import NoiseLearner
 from highside.diagnosis.laws.noise import LawNoise, Whitener

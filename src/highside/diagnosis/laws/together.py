@@ -13,7 +13,8 @@ import numpy as np
 
 from highside.arrays import Array
 from highside.diagnosis.core.regression import flattened
-from highside.diagnosis.laws.evidence import LawTerm, Whitened, inverse_of, raw_columns_of
+from highside.diagnosis.laws.evidence import LawTerm, Whitened, inverse_of
+from highside.diagnosis.laws.families import raw_columns_of
 from highside.diagnosis.laws.formulas import Closed
 from highside.diagnosis.laws.formulas_policy import LAW_FORMULAS
 
