@@ -11,7 +11,8 @@ from highside.diagnosis.law_sessions import ChainSession
 from highside.diagnosis.rows.session import RotationSession
 from highside.physics.effects import get
 from highside.physics.forward import ForwardModel
-from highside.physics.law import Axis, Function, Law, LawEffect
+from highside.physics.law import Axis, Law, LawEffect
+from highside.physics.law_functions import Function
 from highside.physics.memory import low_pass
 from highside.physics.state import ChainState
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from highside.physics.forward import ForwardModel
-from highside.physics.law import Axis, Function, Law
+from highside.physics.law import Axis, Law
+from highside.physics.law_functions import Function
 from highside.physics.state import ChainState
 
 N = 400

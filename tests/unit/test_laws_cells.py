@@ -11,7 +11,8 @@ from highside.diagnosis.laws.policy import LAW_CELLS
 from highside.diagnosis.laws.problem import functions_of
 from highside.diagnosis.rows.session import RotationSession, rotation_session
 from highside.physics.forward import ForwardModel
-from highside.physics.law import Axis, Function
+from highside.physics.law import Axis
+from highside.physics.law_functions import Function
 
 
 def session(step: float = 0.0) -> RotationSession:

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from highside.diagnosis.laws.nested import joined
-from highside.physics.law import Axis, Function, Law
+from highside.physics.law import Axis, Law
+from highside.physics.law_functions import Function
 
 COSINES = tuple(Function("wide_cosine", (float(k),)) for k in range(1, 10))
 TEMP = Axis("temp", 10.0, 50.0, (Function("one"), *COSINES[:4]))

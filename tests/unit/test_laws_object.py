@@ -12,7 +12,8 @@ from highside.api.simulation import predict
 from highside.config.model import Model, as_toml, parse_model
 from highside.errors import InputError
 from highside.physics.forward import ForwardModel
-from highside.physics.law import FUNCTIONS, Axis, Function, Law
+from highside.physics.law import Axis, Law
+from highside.physics.law_functions import FUNCTIONS, Function
 from highside.physics.places import PLACES
 from highside.physics.state import ChainState
 

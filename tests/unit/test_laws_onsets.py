@@ -17,7 +17,8 @@ from highside.diagnosis.laws.onsets import Onsets, begun, sets_in
 from highside.diagnosis.laws.priors import Prior
 from highside.diagnosis.laws.problem import LawProblem
 from highside.diagnosis.laws.search import Search
-from highside.physics.law import Axis, Function, Law
+from highside.physics.law import Axis, Law
+from highside.physics.law_functions import Function
 from highside.physics.state import ChainState
 from highside.report.diagnosis_claims import law_words
 from tests.unit.test_laws_variants import PLAIN, inclination_error, problem_of, session

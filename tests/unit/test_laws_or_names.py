@@ -22,7 +22,7 @@ from highside.diagnosis.laws.search import Search
 from highside.physics.covariates import COVARIATES, joined, parted
 from highside.physics.effects import all_effects
 from highside.physics.forward import ForwardModel
-from highside.physics.law import Function
+from highside.physics.law_functions import Function
 from highside.report.diagnosis_claims import confounded, title_of_any
 from studies import known_names, random_laws
 

@@ -23,7 +23,8 @@ from highside.diagnosis.laws.priors import Prior
 from highside.diagnosis.laws.search import Search
 from highside.diagnosis.laws.separable import as_product
 from highside.physics.gravity import gravity_direction
-from highside.physics.law import Axis, Function
+from highside.physics.law import Axis
+from highside.physics.law_functions import Function
 from highside.physics.state import ChainState
 
 

@@ -12,7 +12,8 @@ import pytest
 from highside.config.model import Model, as_toml, load_model, parse_model
 from highside.errors import InputError
 from highside.physics import effects
-from highside.physics.law import Axis, Function, Law
+from highside.physics.law import Axis, Law
+from highside.physics.law_functions import Function
 from highside.physics.plan import PosePlan, RotationPlan
 
 

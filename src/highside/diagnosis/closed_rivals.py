@@ -30,7 +30,8 @@ from highside.diagnosis.laws.policy import CLOSED_RIVALS
 from highside.diagnosis.laws.problem import LawProblem, PlaceField
 from highside.physics import effects as library
 from highside.physics.forward import ForwardModel
-from highside.physics.law import PREFIX, Function, Law
+from highside.physics.law import PREFIX, Law
+from highside.physics.law_functions import Function
 from highside.physics.places import PLACES
 
 FOLLOWED = ("load", "temp", "time")

@@ -18,7 +18,8 @@ import numpy as np
 from highside.arrays import AnyArray
 from highside.errors import InputError
 from highside.physics.covariates import COVARIATES, covariate, lag_of
-from highside.physics.law import MARGIN, Axis, Law
+from highside.physics.law import Axis, Law
+from highside.physics.law_functions import MARGIN
 
 BEYOND = 10.0
 """Gate of an amplitude in multiples of what was learnt. Source: chosen; a sensor of the same kind may show it larger,
@@ -52,7 +53,7 @@ CODE: dict[str, str] = {
     "dent": "np.exp(-0.5 * ((np.mod({u} - {0} + 180.0, 360.0) - 180.0) / {1}) ** 2)",
     "saturation": "np.tanh(({u} - {0}) / {1})",
 }
-"""the functions of a law (`law.FUNCTIONS`) as Python"""
+"""the functions of a law (`law_functions.FUNCTIONS`) as Python"""
 NEEDS = {
     "temp": ("temp_c",),
     "temp_rate": ("t_s", "temp_c"),

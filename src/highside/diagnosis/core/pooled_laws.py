@@ -16,7 +16,8 @@ import numpy as np
 from highside.arrays import Array
 from highside.physics.covariates import covariate
 from highside.physics.effect import REFERENCE_TEMP_C
-from highside.physics.law import PREFIX, Function
+from highside.physics.law import PREFIX
+from highside.physics.law_functions import Function
 from highside.physics.places import PLACES
 from highside.physics.state import ChainState
 

@@ -14,7 +14,8 @@ from highside.arrays import Array
 from highside.diagnosis.laws.groups import LawGroup, values_of
 from highside.diagnosis.laws.policy import LAW_REPORT
 from highside.diagnosis.laws.problem import LawProblem
-from highside.physics.law import Axis, Function, Law
+from highside.physics.law import Axis, Law
+from highside.physics.law_functions import Function
 
 OF_THE_RANGE = frozenset({"cosine", "wide_cosine", "straight", "square"})
 """functions that are drawn over the range of their axis"""

@@ -21,7 +21,7 @@ from highside.diagnosis.laws.policy import LAW_GROUPS, LAW_LAGS, LAW_SEARCH
 from highside.diagnosis.laws.priors import Prior
 from highside.diagnosis.laws.problem import CovariateValues, LawProblem
 from highside.physics.covariates import FILTERED, lag_of, lagging_name
-from highside.physics.law import Function
+from highside.physics.law_functions import Function
 from highside.physics.places import PLACES
 
 TEMPERATURES = ("temp", *FILTERED)

@@ -15,7 +15,8 @@ from highside.physics.covariates import COVARIATES, covariate
 from highside.physics.effect import AXES
 from highside.physics.forward import ForwardModel
 from highside.physics.gravity import gravity_direction
-from highside.physics.law import Axis, Function, Law, LawEffect
+from highside.physics.law import Axis, Law, LawEffect
+from highside.physics.law_functions import Function
 from highside.physics.places import PLACES
 from highside.physics.state import ChainState
 

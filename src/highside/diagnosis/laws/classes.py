@@ -22,7 +22,8 @@ from highside.diagnosis.laws.groups import (
 )
 from highside.diagnosis.laws.problem import LawProblem
 from highside.physics.covariates import lag_of
-from highside.physics.law import Axis, Function
+from highside.physics.law import Axis
+from highside.physics.law_functions import Function
 
 Class = Callable[[], tuple[LawGroup, ...]]
 """the class of a law, sought when it is asked for first: most of what a search finds on its way is never told"""

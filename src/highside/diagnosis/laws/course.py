@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 
 from highside.arrays import Array
 from highside.diagnosis.laws.since_move_policy import LAW_COURSE
-from highside.physics.law import Axis, Function
+from highside.physics.law import Axis
+from highside.physics.law_functions import Function
 
 Ints = NDArray[np.intp]
 SINCE = "time_since_move"

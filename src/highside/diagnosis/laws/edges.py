@@ -23,7 +23,8 @@ from highside.diagnosis.laws.priors import Prior
 from highside.diagnosis.laws.problem import LawProblem
 from highside.diagnosis.laws.variants import moved
 from highside.physics.covariates import COVARIATES, FILTERED
-from highside.physics.law import Axis, Function
+from highside.physics.law import Axis
+from highside.physics.law_functions import Function
 
 STEPS = ("step",)
 

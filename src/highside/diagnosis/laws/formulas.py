@@ -17,7 +17,8 @@ from highside.diagnosis.laws.found import Found
 from highside.diagnosis.laws.groups import LawGroup, values_of
 from highside.diagnosis.laws.policy import LAW_GROUPS
 from highside.physics.covariates import covariate
-from highside.physics.law import Axis, Function, Law
+from highside.physics.law import Axis, Law
+from highside.physics.law_functions import Function
 from highside.physics.places import PLACES
 from highside.special import chdtrc
 

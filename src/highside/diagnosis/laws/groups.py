@@ -14,7 +14,8 @@ from highside.diagnosis.laws.policy import LAW_GROUPS
 from highside.diagnosis.laws.problem import LawProblem, PlaceField, functions_of
 from highside.physics.covariates import COVARIATES, FILTERED, joined, lag_of
 from highside.physics.effect import AXES
-from highside.physics.law import Axis, Function
+from highside.physics.law import Axis
+from highside.physics.law_functions import Function
 from highside.physics.places import PLACES
 
 ANGLES = frozenset({"inclination", "toolface", "level", "timing"})

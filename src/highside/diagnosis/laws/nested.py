@@ -15,7 +15,8 @@ import numpy as np
 from highside.arrays import Array
 from highside.diagnosis.laws.evidence import LawTerm
 from highside.diagnosis.laws.groups import SETS_IN, LawGroup
-from highside.physics.law import Axis, Function, Law
+from highside.physics.law import Axis, Law
+from highside.physics.law_functions import Function
 
 ONE = Function("one")
 

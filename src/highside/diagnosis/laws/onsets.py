@@ -25,7 +25,8 @@ from highside.diagnosis.laws.priors import Prior, best_priors, bound_of, shown_o
 from highside.diagnosis.laws.problem import CovariateValues, LawProblem, functions_of
 from highside.diagnosis.laws.variants import ONSET, onset_knots
 from highside.physics.effects import all_effects
-from highside.physics.law import Axis, Function
+from highside.physics.law import Axis
+from highside.physics.law_functions import Function
 
 
 def sets_in(group: LawGroup) -> bool:

@@ -26,7 +26,8 @@ from highside.diagnosis.laws.priors import best_priors, falls, shown_of
 from highside.diagnosis.laws.problem import functions_of
 from highside.diagnosis.laws.products_policy import PRODUCTS
 from highside.diagnosis.laws.variants import fine_axes, orders_of
-from highside.physics.law import Axis, Function
+from highside.physics.law import Axis
+from highside.physics.law_functions import Function
 
 
 @dataclass(frozen=True)

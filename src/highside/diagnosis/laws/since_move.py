@@ -43,7 +43,8 @@ from highside.diagnosis.laws.problem import LawProblem, fields_that_act
 from highside.diagnosis.laws.search import Search
 from highside.diagnosis.laws.since_move_policy import LAW_SINCE_MOVE
 from highside.physics.forward import ForwardModel
-from highside.physics.law import Axis, Function
+from highside.physics.law import Axis
+from highside.physics.law_functions import Function
 from highside.physics.state import ChainState
 
 

@@ -27,7 +27,8 @@ from highside.diagnosis.laws.groups import (
 from highside.diagnosis.laws.policy import LAW_GROUPS
 from highside.diagnosis.laws.problem import LawProblem, functions_of
 from highside.physics.covariates import COVARIATES
-from highside.physics.law import Axis, Function
+from highside.physics.law import Axis
+from highside.physics.law_functions import Function
 from highside.physics.places import PLACES
 
 ONSET = "step"
