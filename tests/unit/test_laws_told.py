@@ -97,6 +97,21 @@ def test_no_formula_does_far_more_where_nothing_was_measured() -> None:
     assert not _peaks_between(form, span, np.linspace(0, 60, 20))
 
 
+@pytest.mark.parametrize(("low", "high"), [(24.0, 36.0), (29.0, 31.0)])
+def test_a_step_whose_place_nothing_tells_is_told_and_predicts_as_a_curve(low: float, high: float) -> None:
+    """Between 24 and 36 C no pose was: where the step is nobody knows, and a law of it would be as sure there."""
+    rng, n = np.random.default_rng(7), 60
+    temp = np.where(np.arange(n) % 2 == 0, rng.uniform(10.0, low, n), rng.uniform(high, 50.0, n))
+    temp[:2] = low, high
+    inc, tf = np.radians(rng.uniform(10, 170, n)), np.radians(rng.uniform(0, 360, n))
+    state = ChainState.build(inc, tf, t_s=60.0 * np.arange(n), temp_c=temp, direction=np.ones(n))
+    (law,) = reported_laws(found_in(state, axis(0) * 1e-3 * (temp > 30.0), 8, frozenset({"offset"})))
+    std = law.law.std([np.array([30.0, low, high])])
+    assert law.claim.formula is not None and "[temp >= " in law.claim.formula
+    assert bool(law.law.formula) == (high - low < 10.0)
+    assert law.law.formula or std[0] > 3.0 * std[1:].max()
+
+
 def of_two(temp: Array, inc: Array) -> Array:
     return 2e-4 * np.tanh((temp - 30) / 6) * np.sin(3 * inc)
 

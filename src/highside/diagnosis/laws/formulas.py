@@ -165,8 +165,9 @@ def closed_form(found: Found, white: Whitened, terms: list[LawTerm], k: int) -> 
         near, key=lambda one: (one.form.numbers, round(one.loss, LAW_FORMULAS.alike), one.functions[0].numbers)
     )
     told = " or ".join(_text(one, name, bool(constant)) for one in simplest[: LAW_FORMULAS.most])
-    if len(near) > 1 and 0.5 * (curve - best.loss) < LAW_FORMULAS.margin:
-        # of several none is sure, and the curve does about as well: the law stays that
+    unsure = len(near) > 1 and 0.5 * (curve - best.loss) < LAW_FORMULAS.margin
+    if unsure or _jumps_where_nothing_is(best, values):
+        # of several none is sure, and the curve does about as well; or it says how little is known where a step is
         return Closed(told, None, best.effect)
     axis = Axis(name, span.low, span.high, (*best.functions, *constant))
     law = Law(
@@ -187,6 +188,15 @@ def _peaks_between(one: _Scored, span: Axis, values: Array) -> bool:
     sizes = one.coefficients[: len(one.functions)]
     between = sizes @ axis.basis(np.linspace(span.low, span.high, LAW_FORMULAS.between_values))
     return bool(np.ptp(between) > LAW_FORMULAS.between * np.ptp(sizes @ axis.basis(values)))
+
+
+def _jumps_where_nothing_is(one: _Scored, values: Array) -> bool:
+    """Whether a step lies between two values visited that are far apart: it may be anywhere between them."""
+    if one.functions[0].kind != "step":
+        return False
+    visited, at = np.unique(values), one.functions[0].numbers[0]
+    after = int(np.clip(np.searchsorted(visited, at), 1, visited.size - 1))
+    return bool(visited[after] - visited[after - 1] > LAW_FORMULAS.apart * np.ptp(visited))
 
 
 def _one_of_each(scored: list[_Scored]) -> list[_Scored]:

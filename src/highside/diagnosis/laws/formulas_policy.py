@@ -59,6 +59,10 @@ class LawFormulasPolicy:
     of 2.5e16 (law/036 of 66ff7ef1)."""
     between_values: int = 2000
     """Values at which that is looked at. Source: a sixtieth of the least width of a bump."""
+    apart: float = 0.2
+    """Share of a covariate's range without any value, from which a step within it is no formula to predict with.
+    Source: chosen; a step between rates of -0.010 and +0.019 C/s, 0.62 of the range, predicted another session worse
+    than nothing (law/016 of the open world of seed 8dc7ed3d)."""
     edges: int = 128
     """Places of a step. Source: chosen; about as many as a session has stretches."""
 
