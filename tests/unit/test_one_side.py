@@ -17,10 +17,14 @@ STATE = deck.design()
 ONE_SIDED = replace(STATE, direction=np.ones(STATE.n))
 
 
-def members(effect: str, values: dict[str, float], state: deck.ChainState) -> tuple[tuple[str, ...], str]:
+def members(
+    effect: str, values: dict[str, float], state: deck.ChainState, *, sides_told: bool = True
+) -> tuple[tuple[str, ...], str]:
     """The class of a claim of an effect of these sizes, and the advice beside it."""
     mean = ForwardModel.of({}).predict(state) + deck.white_noise(state, np.random.default_rng(3))
-    problem = PoseProblem.of(PoseSession(mean, np.ones(state.n), state), ForwardModel.of({}), deck.FREE, 1)
+    problem = PoseProblem.of(
+        PoseSession(mean, np.ones(state.n), state, sides_told=sides_told), ForwardModel.of({}), deck.FREE, 1
+    )
     known = get(effect)
     parameters = {p.name: FittedParameter(values.get(p.name, 0.0), 0.0, 0.0, 0.0, p.unit) for p in known.parameters}
     claim = Claim(effect, known.story, known.formula, known.stage.value, parameters, 1e-9, (effect,), (), "none needed")
@@ -41,3 +45,10 @@ def test_a_lean_that_no_play_does_stays_alone() -> None:
 
 def test_from_both_sides_play_is_a_name_of_its_own() -> None:
     assert members("base_tilt", {"tilt_x": 3e-3}, STATE) == (("base_tilt",), "none needed")
+
+
+def test_where_nobody_wrote_the_side_it_may_have_been_one() -> None:
+    alike, advice = members("base_tilt", {"tilt_x": 3e-3}, STATE, sides_told=False)
+    assert alike == ("base_tilt", "backlash")
+    assert advice.startswith("approach the same poses from both sides")
+    assert members("base_tilt", {"tilt_x": 3e-3, "tilt_y": 3e-3}, STATE, sides_told=False)[0] == ("base_tilt",)

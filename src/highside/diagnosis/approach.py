@@ -17,12 +17,14 @@ SIDES = "rate_sign"
 
 
 def of_sides(claims: Iterable[Claim], columns: Mapping[str, Any]) -> tuple[str, ...]:
-    """Notes on claims of poses that the side of approach makes, where no column of the recording tells it."""
+    """Notes on claims of poses that the side of approach makes, or may make, where no column of the recording tells
+    it."""
     if "direction" in columns:
         return ()
     known = registry()
     sided = (
-        SIDES in claim.depends_on or (claim.effect in known and "direction" in known[claim.effect].needs)
+        SIDES in claim.depends_on
+        or any(name in known and "direction" in known[name].needs for name in (claim.effect, *claim.equivalence_class))
         for claim in claims
     )
     return (WITHOUT_SIDE,) if any(sided) else ()

@@ -1,4 +1,4 @@
-"""Effects of the side of approach, where every pose was approached from one side.
+"""Effects of the side of approach, where every pose was approached from one side, or may have been.
 
 There they are constants, which no session can show by themselves. But a constant error of the angles is what other
 effects do as well: a claim that such a constant does too is one of a class, and the other side would part the two.
@@ -24,7 +24,7 @@ from highside.physics.state import ChainState
 
 @dataclass(frozen=True)
 class OneSide:
-    """A session in which the side of approach does not change, and what it is judged by."""
+    """A session in which the side of approach does not change, or is not known to, and what it is judged by."""
 
     state: ChainState
     model: ForwardModel

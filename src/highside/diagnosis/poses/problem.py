@@ -35,6 +35,7 @@ from highside.diagnosis.poses.one_side import OneSide
 from highside.diagnosis.poses.policy import POSES
 from highside.diagnosis.poses.session import PoseSession
 from highside.diagnosis.poses.within import unsteady_poses, with_courses
+from highside.physics.effects import registry
 from highside.physics.forward import ForwardModel
 from highside.physics.gravity import unit
 
@@ -168,6 +169,10 @@ class PoseProblem(StillProblem[PoseNoise]):
     def _one_side(self) -> OneSide:
         state = self.session.state
         constants = tuple(one.effect for one in self.unobservable if one_sided(one.effect, state))
+        if not self.session.sides_told:
+            # they may all have been approached from one side, whatever the order of the toolfaces
+            state = replace(state, direction=np.ones(state.n))
+            constants = tuple(one for one in registry().values() if one_sided(one, state))
         return OneSide(state, self.model, self.force, self.base, self.noise, constants)
 
     def advice(self, term: Term, r: Rivalry, fit: JointFit) -> str:

@@ -70,6 +70,8 @@ class PoseSession:
     rows: HeldRows | None = None
     numbers: tuple[float, ...] = ()
     """of the poses in the recording's own column, if it has one"""
+    sides_told: bool = True
+    """whether the recording says from which side each pose was approached; else the states have it from their order"""
 
     def label(self, pose: int) -> str:
         """The number of a pose as the recording has it, else counted from 1, of how many."""
@@ -183,9 +185,7 @@ def pose_session(
     state = replace(state, since_move_s=since_move_s, stay_s=stay_s)
     mean = np.stack([accel_g[:, rows].mean(axis=1) for rows in groups], axis=1)
     count = np.array([float(rows.size) for rows in groups])
-    scatter = None
-    if count.min() > 1:
-        scatter = np.stack([accel_g[:, rows].std(axis=1, ddof=1) for rows in groups], axis=1)
+    scatter = np.stack([accel_g[:, rows].std(axis=1, ddof=1) for rows in groups], axis=1) if count.min() > 1 else None
     step_s = float(np.median(np.diff(columns["t_s"]))) if columns["t_s"].size > 1 else 1.0
     within = within_poses(accel_g, groups, step_s)
     moved = None if within else moving_pose(accel_g, groups)
@@ -194,7 +194,8 @@ def pose_session(
     if floor is None and all(rows.size == 1 for rows in groups):
         floor = floor_of_table(columns, np.concatenate(groups))
     rows = HeldRows.of(accel_g, groups, columns["t_s"])
-    return PoseSession(mean, count, state, scatter, floor, within, _stops(columns), rows, _numbers(columns, groups))
+    stops, numbers, told = _stops(columns), _numbers(columns, groups), "direction" in columns
+    return PoseSession(mean, count, state, scatter, floor, within, stops, rows, numbers, told)
 
 
 def _numbers(columns: Mapping[str, Array], groups: list[NDArray[np.intp]]) -> tuple[float, ...]:
