@@ -34,12 +34,14 @@ def is_temperature(name: str) -> bool:
 
 
 def lagging(problem: LawProblem, group: LawGroup) -> list[LawGroup]:
-    """The law of a temperature with each of the time constants of the list, or with none, in the place of its own."""
+    """The law of a temperature with each of the time constants of the list, or with none, in the place of its own. Of a
+    temperature beside one that lags the latter alone is another."""
+    both = all(is_temperature(axis.covariate) for axis in group.axes[:2]) and len(group.axes) > 1
     return [
         other
         for k, axis in enumerate(group.axes)
-        if is_temperature(axis.covariate)
-        for name in TEMPERATURES
+        if is_temperature(axis.covariate) and not (both and axis.covariate == "temp")
+        for name in (FILTERED if both else TEMPERATURES)
         if name in problem.covariates and (other := _with_lag(problem, group, k, name)) is not None
     ]
 
@@ -47,7 +49,7 @@ def lagging(problem: LawProblem, group: LawGroup) -> list[LawGroup]:
 def alone(problem: LawProblem, group: LawGroup) -> list[LawGroup]:
     """Of a product that follows a temperature: the temperature by itself, at each lag."""
     names = [axis.covariate for axis in group.axes if is_temperature(axis.covariate)]
-    if len(group.axes) != 2 or len(names) != 1 or any(len(axis.functions) < LAW_GROUPS.few for axis in group.axes):
+    if len(group.axes) != 2 or not names or any(len(axis.functions) < LAW_GROUPS.few for axis in group.axes):
         return []
     values = values_of(problem, names[0], group.units[0])
     count = min(LAW_GROUPS.cosines, distinct_of(values) - 1)

@@ -61,7 +61,7 @@ WAVE = ("sine", "cosine_of")
 ONE_QUANTITY = (
     frozenset({"tf", "tf_fraction"}),
     frozenset({"inc", "load_z"}),
-    frozenset({"temp", *FILTERED}),
+    frozenset(FILTERED),
 )
 """covariates of which no two make a product: they are one quantity"""
 

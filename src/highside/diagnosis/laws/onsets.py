@@ -99,6 +99,12 @@ class Onsets:
         found = [] if at is None else self._scored(terms, [at], self.knots)
         return self._settled(terms, found[0])[1] if found else term
 
+    def instead(self, terms: Sequence[LawTerm], term: LawTerm) -> LawTerm:
+        """The law from a time on that is the best beside the terms, in the place of one: what was taken first explains
+        a part of what was taken next."""
+        found = self.best(terms) if self.problem.every_pair else []
+        return found[0][1] if found else self.moved(terms, term)
+
     def _number(self, late: LawGroup) -> int | None:
         """Which of the laws a law from a time on is; None of one that another search has found."""
         return self._numbers.get((*late.kind[:2], late.axes[:-1]))
@@ -221,6 +227,6 @@ def begun(
         for _ in range(ONSETS.rounds if len(terms) > 1 else 0):
             for i, term in enumerate(terms):
                 if sets_in(term.group):
-                    terms[i] = onsets.moved([t for j, t in enumerate(terms) if j != i], term)
+                    terms[i] = onsets.instead([t for j, t in enumerate(terms) if j != i], term)
         if any(sets_in(term.group) for term in terms):
             yield list(terms), others

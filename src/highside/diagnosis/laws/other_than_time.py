@@ -36,11 +36,18 @@ def instead_of_time(problem: LawProblem, groups: Sequence[LawGroup], own: LawGro
     beside = [name for name in own.depends_on if name != TIME]
     tried: list[LawGroup] = []
     for group in groups:
-        if group.effect or group.kind[:2] != own.kind[:2] or len(group.axes) != len(own.axes):
+        if group.effect or group.kind[:2] != own.kind[:2]:
             continue
         other = [name for name in group.depends_on if name not in beside]
         smooth = all(len(axis.functions) > LAW_GROUPS.few for axis in group.axes)
-        if len(other) != 1 or other[0] == TIME or not smooth:
+        # a temperature and its lag are one quantity, that goes another way up than down
+        warms = len(other) == 2 and all(map(is_temperature, other))
+        if (
+            len(group.axes) - len(own.axes) != warms
+            or (len(other) != 1 and not warms)
+            or other[0] == TIME
+            or not smooth
+        ):
             continue
         tried.append(group)
         known = any(is_temperature(name) for g in tried[:-1] for name in g.depends_on)
@@ -97,8 +104,9 @@ def _as_good(among: Whitened, terms: list[LawTerm], k: int) -> LawTerm | None:
     does = among.left_of(terms, [k])
     for i in np.argsort(-gains[1:]):
         behind, other = float(gains[0] - gains[1 + i]), tried[int(i)]
-        if behind > LAW_CLASS.same_confounded:
-            return None
+        if sum(map(is_temperature, other.depends_on)) > 1 and behind > 0.0:
+            # a surface over what follows the time does whatever a law of that does
+            continue
         near = behind <= LAW_CLASS.same or ran_together(among.families.problem, own, other)
         if near or among.reproduces(does, other):
             return LawTerm(other, priors[1 + int(i)])
