@@ -68,8 +68,10 @@ def without_time(
             # a strong law of a temperature shows a lag that is between those of the list
             others = [t for i, t in enumerate(made) if i != k]
             lagged = [g for g in tried if any(lag_of(name) for name in g.depends_on)]
-            if (best := best_between(among, others, lagged)) is not None and best[0] not in tried:
-                among = Whitened(Families(problem, [term.group, *tried, best[0]]), whitener, residual)
+            for axes in sorted({len(g.axes) for g in lagged}):
+                best = best_between(among, others, [g for g in lagged if len(g.axes) == axes])
+                tried += [best[0]] if best is not None and best[0] not in tried else []
+            among = Whitened(Families(problem, [term.group, *tried]), whitener, residual)
             made[k] = _as_good(among, made, k) or term
     return made
 
