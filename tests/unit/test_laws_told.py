@@ -3,6 +3,7 @@ formula that the curve refutes, no law that predicts worse than the others do wi
 
 from collections.abc import Callable
 from dataclasses import replace
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -15,10 +16,14 @@ from highside.diagnosis.laws import claims
 from highside.diagnosis.laws.beside import Beside
 from highside.diagnosis.laws.chain import chain_problem
 from highside.diagnosis.laws.claims import heldout, proved, reported_laws
-from highside.diagnosis.laws.evidence import LawTerm
+from highside.diagnosis.laws.classes_policy import LAW_CLASS
+from highside.diagnosis.laws.evidence import LawTerm, Whitened
+from highside.diagnosis.laws.families import Families
 from highside.diagnosis.laws.formulas import _Form, _peaks_between, _Scored, forms_of
 from highside.diagnosis.laws.found import Found
 from highside.diagnosis.laws.groups import LawGroup, groups_of
+from highside.diagnosis.laws.noise import Whitener
+from highside.diagnosis.laws.other_than_time import _as_good
 from highside.diagnosis.laws.priors import Prior
 from highside.diagnosis.laws.search import Search
 from highside.diagnosis.laws.separable import as_product
@@ -64,6 +69,26 @@ def test_what_the_time_alone_does_stays_a_law_of_the_time() -> None:
     load = gravity_direction(state.inc_rad, state.tf_rad)
     effect = axis(2) * load * 3e-4 * np.sin(2 * np.pi * state.t_s / state.t_s[-1])
     assert [named(term.group) for term in found_in(state, effect, 4, frozenset({"scale"})).terms] == [("time",)]
+
+
+def test_what_is_far_behind_a_law_of_the_time_does_not_take_its_place() -> None:
+    """Whatever ran along with the time: 20 nats behind it is another law."""
+    state = warming(3)
+    load = gravity_direction(state.inc_rad, state.tf_rad)
+    effect = axis(2) * load * 3e-4 * np.sin(2 * np.pi * state.t_s / state.t_s[-1])
+    found = found_in(state, effect, 4, frozenset({"scale"}))
+    (term,), problem = found.terms, found.problem
+    time, of_it = (
+        next(g for g in found.families.groups if g.depends_on == (name,) and g.kind[:2] == term.group.kind[:2])
+        for name in ("time", "temp")
+    )
+    whitener = Whitener(problem, found.noise)
+    among = Whitened(Families(problem, [time, of_it]), whitener, found.residual)
+    (gain, _), priors = among.scores([], within=np.inf)
+    own = [LawTerm(time, priors[0])]
+    for behind, taken in ((10.0, True), (LAW_CLASS.same_confounded + 1.0, False)):
+        with mock.patch.object(among, "scores", return_value=(np.array([gain, gain - behind]), priors)):
+            assert (_as_good(among, own, 0) is not None) == taken
 
 
 def law_of_temp(seed: int, ripple: float) -> Found:

@@ -42,12 +42,9 @@ def instead_of_time(problem: LawProblem, groups: Sequence[LawGroup], own: LawGro
         smooth = all(len(axis.functions) > LAW_GROUPS.few for axis in group.axes)
         # a temperature and its lag are one quantity, that goes another way up than down
         warms = len(other) == 2 and all(map(is_temperature, other))
-        if (
-            len(group.axes) - len(own.axes) != warms
-            or (len(other) != 1 and not warms)
-            or other[0] == TIME
-            or not smooth
-        ):
+        if len(group.axes) != len(own.axes) + (1 if warms else 0):
+            continue
+        if not (warms or len(other) == 1) or other[0] == TIME or not smooth:
             continue
         tried.append(group)
         known = any(is_temperature(name) for g in tried[:-1] for name in g.depends_on)
@@ -106,6 +103,8 @@ def _as_good(among: Whitened, terms: list[LawTerm], k: int) -> LawTerm | None:
     does = among.left_of(terms, [k])
     for i in np.argsort(-gains[1:]):
         behind, other = float(gains[0] - gains[1 + i]), tried[int(i)]
+        if behind > LAW_CLASS.same_confounded:
+            return None
         if sum(map(is_temperature, other.depends_on)) > 1 and behind > 0.0:
             # a surface over what follows the time does whatever a law of that does
             continue
