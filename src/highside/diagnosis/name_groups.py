@@ -20,8 +20,9 @@ from highside.diagnosis.laws.evidence import orthonormal
 from highside.diagnosis.laws.found import Found
 from highside.diagnosis.laws.policy import LAW_VERDICT
 from highside.physics import effects as library
-from highside.physics.effect import Effect
+from highside.physics.effect import Effect, Stage
 from highside.physics.forward import ForwardModel
+from highside.physics.parameter import AXES
 
 
 def name_groups(session: LawSession, model: ForwardModel, name: str) -> list[EffectGroup]:
@@ -29,6 +30,8 @@ def name_groups(session: LawSession, model: ForwardModel, name: str) -> list[Eff
     cannot be known, or is free anyway."""
     effect = library.all_effects().get(name)
     if effect is None or effect.random or name in session.free:
+        return []
+    if effect.stage is Stage.GYRO and len(session.channels) <= len(AXES):
         return []
     tried = session.shapes_of(effect)
     made = []

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from highside.arrays import Array
 from highside.diagnosis.core.regression import flattened
 from highside.diagnosis.laws.classes_policy import LAW_CLASS
-from highside.diagnosis.laws.families import Families, WhiteFamilies, raw_columns_of
+from highside.diagnosis.laws.families import Families, Part, WhiteFamilies, raw_columns_of
 from highside.diagnosis.laws.groups import LawGroup
 from highside.diagnosis.laws.noise import Whitener, evidence
 from highside.diagnosis.laws.policy import LAW_EVIDENCE
@@ -125,26 +125,37 @@ class Whitened:
             self._scored[key] = self._gains(terms, least, within)
         return self._scored[key]
 
-    def _gains(self, terms: list[LawTerm], least: float, within: float) -> tuple[Array, list[Prior]]:
+    def bounds(self, terms: list[LawTerm]) -> Array:
+        """(G,) nats that each group gains beside the terms at most, by the best fit; -inf of what is barred."""
+        most = np.full(len(self.families.groups), -np.inf)
+        for part, _, bound in self._beside(terms):
+            most[part.family.members] = bound
+        return most
+
+    def _beside(self, terms: list[LawTerm]) -> list[tuple[Part, tuple[Array, Array], Array]]:
+        """Each part with what is left of its columns and of the residual beside the terms, and (G,) the most that each
+        of its groups gains."""
         white = self.groups
         beside = [white.free, *(white.columns_of(term.group) for term in terms)]
         columns, prior = np.concatenate(beside), prior_of(self.families.problem, terms)
         flat = flattened(columns)
         inverse = inverse_of(flat @ flat.T, prior)
         coefficients = inverse @ (flat @ self.residual.reshape(-1))
-        groups = self.families.groups
-        gains = np.full(len(groups), -np.inf)
-        priors = [Prior(1.0, 1.0)] * len(groups)
-        parts, left = [], []
+        made, barred = [], self.families.barred
         for part, across, projections in white.beside([term.group for term in terms], self._raw):
             remaining = part.gram - np.tensordot(across, inverse, 1) @ across.transpose(0, 2, 1)
-            parts.append(part)
-            left.append(shown_of(part.gram, remaining, projections - across @ coefficients))
-        # no prior gains more than the best fit does: what cannot come near the best is not looked at
-        bounds = [bound_of(*one) - part.family.tries for one, part in zip(left, parts, strict=True)]
-        barred = self.families.barred
-        for bound, part in zip(bounds, parts, strict=True):
+            left = shown_of(part.gram, remaining, projections - across @ coefficients)
+            # no prior gains more than the best fit does: what cannot come near the best is not looked at
+            bound = bound_of(*left) - part.family.tries
             bound[[i in barred for i in part.family.members]] = -np.inf
+            made.append((part, left, bound))
+        return made
+
+    def _gains(self, terms: list[LawTerm], least: float, within: float) -> tuple[Array, list[Prior]]:
+        gains = np.full(len(self.families.groups), -np.inf)
+        priors = [Prior(1.0, 1.0)] * gains.size
+        made = self._beside(terms)
+        parts, left, bounds = [one[0] for one in made], [one[1] for one in made], [one[2] for one in made]
         order = np.sort(np.concatenate([[0.0], *bounds]))
         high = float(order[-min(LAW_EVIDENCE.first, order.size)])
         looked = [np.zeros(bound.size, dtype=bool) for bound in bounds]

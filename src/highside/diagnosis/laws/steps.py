@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from highside.arrays import Array
-from highside.diagnosis.laws.between import best_between, between_of
+from highside.diagnosis.laws.between import best_between, between_of, refined
 from highside.diagnosis.laws.effects import EffectGroup
 from highside.diagnosis.laws.evidence import LawTerm, Whitened, raw_columns
 from highside.diagnosis.laws.families import Families
@@ -15,6 +15,7 @@ from highside.diagnosis.laws.groups import LawGroup, groups_of
 from highside.diagnosis.laws.learning import NoiseLearner
 from highside.diagnosis.laws.noise import LawNoise, Whitener
 from highside.diagnosis.laws.policy import LAW_SEARCH
+from highside.diagnosis.laws.priors import Prior
 from highside.diagnosis.laws.problem import LawProblem, independent
 from highside.diagnosis.laws.products import ProductGroup, fitted_again
 from highside.diagnosis.laws.products_policy import PRODUCTS
@@ -68,9 +69,8 @@ class Steps:
         again the best on the way stays: beside much of it rivals may change places with a loss."""
         best_of_all = state
         while len(state.terms) < (LAW_SEARCH.most if relearn else LAW_SEARCH.most_first):
-            white = self._whitened(state)
-            gains, priors = white.scores(state.terms, least=LAW_SEARCH.gain, within=LAW_SEARCH.simpler)
-            best = self._simplest(gains := self._each_name_once(gains, state.terms))
+            white, gains, priors = self._scored(state)
+            best = self._simplest(gains)
             if gains[best] < LAW_SEARCH.gain:
                 break
             terms = [*state.terms, LawTerm(self.groups[best], priors[best])]
@@ -89,6 +89,23 @@ class Steps:
         terms = self._varied(state, state.terms)
         varied = state if which(terms) == which(state.terms) else self._learn(terms, self.problem.residual)
         return max((varied, best_of_all), key=lambda s: s.worth)
+
+    def _scored(self, state: State) -> tuple[Whitened, Array, list[Prior]]:
+        """What each group gains beside the terms of a state, and its prior; where that is much, with those that come
+        near at the best of a number that lies between those tried."""
+        white = self._whitened(state)
+        gains, priors = white.scores(state.terms, least=LAW_SEARCH.gain, within=LAW_SEARCH.simpler)
+        gains = self._each_name_once(gains, state.terms)
+        if not self._variants or not gains.size:
+            return white, gains, priors
+        best = float(gains.max())
+        found = [one for one in refined(white, state.terms, best) if one[1] > best - LAW_SEARCH.simpler]
+        if not found:
+            return white, gains, priors
+        self.groups = [*self.groups, *(group for group, _, _ in found)]
+        self.families = self.families.of(self.groups, self.families.barred)
+        more = np.array([gain for _, gain, _ in found])
+        return self._whitened(state), np.append(gains, more), [*priors, *(prior for _, _, prior in found)]
 
     def _is_noise(self, white: Whitened, terms: list[LawTerm], gain: float) -> bool:
         """Whether laws of many numbers explain less than noise alone does, and would with as many more as may be taken,
