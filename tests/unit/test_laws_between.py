@@ -5,11 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from highside.diagnosis.laws.between import refined
 from highside.diagnosis.laws.chain import covariate_values
 from highside.diagnosis.laws.claims import reported_laws
 from highside.diagnosis.laws.groups import LAGGING, groups_of
+from highside.diagnosis.laws.noise import LawNoise
 from highside.diagnosis.laws.problem import LawProblem
 from highside.diagnosis.laws.search import Search
+from highside.diagnosis.laws.state import State
 from highside.physics.covariates import COVARIATES, FILTERED, covariate, lag_of
 from highside.physics.gravity import gravity_direction
 from highside.physics.memory import low_pass
@@ -72,6 +75,27 @@ def test_an_order_of_the_toolface_between_those_that_are_tried_is_estimated() ->
     (term,) = found.terms
     assert term.group.depends_on == ("tf_fraction",)
     assert abs(term.group.axes[0].functions[0].numbers[0] - 3.457) < 0.003
+
+
+def test_what_a_large_law_is_is_refined_before_another_is_taken() -> None:
+    # a line halfway between two orders that are tried, over 360 deg: at the best of these a sixtieth of it is left
+    state = session(41, 90)
+    line = np.cos(3.45 * np.asarray(state.tf_rad) + 1.0)
+    for size, expected in ((5e-3, True), (5e-5, False)):
+        added = np.zeros((3, state.n))
+        added[2] = size * line
+        search = of_places(problem_of(state, added, 42), "offset")
+        problem = search.problem
+        white = search._whitened(State([], LawNoise.floor_alone(problem), -np.inf, problem.residual))
+        gains = white.scores([], within=np.inf)[0]
+        assert (white.bounds([]) >= gains - 1e-6).all()
+        found = refined(white, [], float(gains.max()))
+        assert bool(found) is expected, (size, gains.max())
+        if found:
+            group, gain, _ = max(found, key=lambda one: one[1])
+            assert group.depends_on == ("tf_fraction",)
+            assert abs(group.axes[0].functions[0].numbers[0] - 3.45) < 0.003
+            assert gain > gains.max() + 20.0
 
 
 def test_a_temperature_of_any_lag_is_known_and_not_listed() -> None:

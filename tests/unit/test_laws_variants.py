@@ -11,6 +11,8 @@ from highside.diagnosis.core.result import DiagnosisResult
 from highside.diagnosis.identified_noise import with_identified_noise
 from highside.diagnosis.laws.chain import chain_problem
 from highside.diagnosis.laws.claims import reported_laws
+from highside.diagnosis.laws.classes import classes_of
+from highside.diagnosis.laws.evidence import LawTerm
 from highside.diagnosis.laws.found import Found
 from highside.diagnosis.laws.groups import LawGroup, groups_of
 from highside.diagnosis.laws.problem import LawProblem
@@ -132,6 +134,33 @@ def test_a_lean_of_the_level_and_an_error_of_the_inclination_are_one_class() -> 
     }
 
 
+def test_a_law_that_another_set_as_likely_has_in_its_place_is_in_its_class() -> None:
+    state = session(13, 60)
+    search = Search(problem_of(state, inclination_error(state, 4e-4 * np.sin(state.temp_c / 5)), 14))
+    found = search.run()
+    (term,) = found.terms
+
+    def first(place: str, *names: str, channel: str = "x") -> LawTerm:
+        at = (g for g in search.groups if g.place == place and g.depends_on == names and g.kind[1][0] == channel)
+        return LawTerm(next(at), term.prior)
+
+    def class_beside(*others: list[LawTerm]) -> list[str]:
+        return [g.label for g in classes_of(found.whitened(), [term], others)[0]()]
+
+    own = class_beside()
+    instead = first("offset", "load_y", channel="z")
+    assert instead.group.label not in own
+    assert instead.group.label in class_beside([instead])
+    # what stands beside the law itself is not in its place; nor is what follows all that it does and more
+    assert class_beside([term, instead]) == own
+    wider = next(g for g in search.groups if g.place == term.group.place and {"temp", "inc"} == set(g.depends_on))
+    assert class_beside([LawTerm(wider, term.prior)]) == own
+    # on other channels than its own none can do what it does
+    across = first("offset", "load_x", channel="y")
+    on_z = first("offset", "load_x", channel="z")
+    assert across.group.label not in [g.label for g in classes_of(found.whitened(), [on_z], [[across]])[0]()]
+
+
 def told(count: int, verdict: str, scatter: Callable[[np.random.Generator], np.ndarray]) -> DiagnosisResult:
     state = session(15, count)
     found = Search(problem_of(state, np.zeros((3, count)), 16, scatter(np.random.default_rng(17)))).run()
@@ -201,7 +230,8 @@ def test_the_time_constant_of_a_temperature_that_lags_is_estimated() -> None:
     found = Search(problem, of_offsets(problem)).run()
     ((place, channel, (name,)),) = kinds(found)
     assert (place, channel) == ("offset", "y")
-    assert abs(lag_of(name) / 640 - 1) < 0.03, name
+    # beside a curve that is not known 60 readings tell it to 24 s (Cramer-Rao, one standard deviation)
+    assert abs(lag_of(name) - 640) < 3 * 24, name
 
 
 def of_offsets(problem: LawProblem) -> list[LawGroup]:

@@ -13,11 +13,12 @@ from dataclasses import replace
 import numpy as np
 
 from highside.arrays import Array
+from highside.diagnosis.laws.between_policy import LAW_LAGS
 from highside.diagnosis.laws.evidence import LawTerm, Whitened
 from highside.diagnosis.laws.families import Families
 from highside.diagnosis.laws.groups import LawGroup, axis_of, distinct_of, is_wave, product_of, values_of, wave_of
 from highside.diagnosis.laws.noise import Whitener
-from highside.diagnosis.laws.policy import LAW_GROUPS, LAW_LAGS, LAW_SEARCH
+from highside.diagnosis.laws.policy import LAW_GROUPS, LAW_SEARCH
 from highside.diagnosis.laws.priors import Prior
 from highside.diagnosis.laws.problem import CovariateValues, LawProblem
 from highside.physics.covariates import FILTERED, lag_of, lagging_name

@@ -29,12 +29,33 @@ Class = Callable[[], tuple[LawGroup, ...]]
 """the class of a law, sought when it is asked for first: most of what a search finds on its way is never told"""
 
 
-def classes_of(white: Whitened, terms: Sequence[LawTerm]) -> tuple[Class, ...]:
-    """The class of each of these terms among all groups."""
-    return tuple(cache(partial(_class_of, white, list(terms), k)) for k in range(len(terms)))
+def classes_of(
+    white: Whitened, terms: Sequence[LawTerm], others: Sequence[Sequence[LawTerm]] = ()
+) -> tuple[Class, ...]:
+    """The class of each of these terms among all groups; `others`: sets of terms that are as likely as these."""
+    kinds = {_told_as(term.group) for term in terms}
+    only = [[term.group for term in one if _told_as(term.group) not in kinds] for one in others]
+    known = [{_told_as(term.group) for term in one} for one in others]
+    instead = [
+        [group for has, own in zip(known, only, strict=True) if _told_as(term.group) not in has for group in own]
+        for term in terms
+    ]
+    return tuple(cache(partial(_class_of, white, list(terms), k, instead[k])) for k in range(len(terms)))
 
 
-def _class_of(white: Whitened, terms: list[LawTerm], k: int) -> tuple[LawGroup, ...]:
+def _in_its_place(own: LawGroup, instead: Sequence[LawGroup]) -> list[LawGroup]:
+    """Of laws that another set has instead, those that may be there for this one: on a channel of it, but not what
+    follows all that it does and more."""
+    return [
+        group
+        for group in instead
+        if not group.effect
+        and set(group.channels) & set(own.channels)
+        and not (group.place == own.place and set(own.depends_on) < set(group.depends_on))
+    ]
+
+
+def _class_of(white: Whitened, terms: list[LawTerm], k: int, instead: Sequence[LawGroup]) -> tuple[LawGroup, ...]:
     """Groups of which this session cannot tell one from another, one of each kind."""
     problem, groups, own = white.families.problem, white.families.groups, terms[k].group
     gains, _ = white.scores([t for i, t in enumerate(terms) if i != k], within=LAW_CLASS.same_reproduced)
@@ -42,6 +63,9 @@ def _class_of(white: Whitened, terms: list[LawTerm], k: int) -> tuple[LawGroup, 
     asked = white.may_reproduce(does)
     best = float(gains.max())
     found: list[LawGroup] = [own, *_twins(problem, own), *_set_in_with(white, terms, k)]
+    for group in _in_its_place(own, instead):
+        if not any(group.kind == one.kind for one in found):
+            found.append(group)
     for i in np.argsort(-gains):
         group = groups[int(i)]
         behind = best - float(gains[i])

@@ -33,7 +33,7 @@ class Search(Starts):
         """The same search of another residual (C, n); groups and all that was whitened are shared."""
         made = copy(self)
         made.problem = replace(self.problem, residual=residual)
-        made._tried = set()
+        made._tried, made._ends = set(), []
         return made
 
     def without_effects(self) -> Search:
@@ -226,13 +226,14 @@ class Search(Starts):
         order = sorted(range(len(costs)), key=lambda k: -costs[k])
         terms = [state.terms[k] for k in order]
         own_gains = tuple(costs[k] for k in order)
+        near = [end.terms for end in self._ends if end.less_tries >= state.less_tries - LAW_CLASS.same]
         return Found(
             self.problem,
             tuple(terms),
             state.noise,
             state.evidence,
             own_gains,
-            classes_of(self._whitened(state), terms),
+            classes_of(self._whitened(state), terms, near),
             state.residual,
             self.families,
         )

@@ -34,6 +34,8 @@ class Steps:
         self._variants = variants
         self._tried: set[LawGroup] = set()
         """groups whose variants were looked at"""
+        self._ends: list[State] = []
+        """what ways of the search ended in"""
         self._learnt: list[tuple[Array, dict[tuple[tuple[float, ...], ...], tuple[LawNoise, float]]]] = []
 
     def _whitened(self, state: State) -> Whitened:
@@ -234,6 +236,7 @@ class Steps:
             if terms:
                 terms = self._varied(state, self._refitted_with_rivals(self._whitened(state), terms))
                 state = max((state, self._learn(terms, self.problem.residual)), key=lambda s: s.worth)
+        self._ends.append(state)
         return state
 
     def _costs(self, state: State) -> list[float]:
