@@ -158,7 +158,9 @@ def _near(problem: LawProblem, group: LawGroup, step: float) -> list[LawGroup]:
     made: list[LawGroup | None] = []
     if order := _fraction(group):
         away = LAW_GROUPS.fraction_step * step * np.arange(-LAW_LAGS.each_side, LAW_LAGS.each_side + 1)
-        made += [_of_order(problem, group, order + float(one)) for one in away if one]
+        # of an order of nothing it is a constant
+        near = [order + float(one) for one in away if one and order + one > LAW_GROUPS.fraction_step - LAW_GROUPS.distinct]
+        made += [_of_order(problem, group, one) for one in near]
     if period := period_of(group):
         span = group.axes[0].high - group.axes[0].low
         away = LAW_GROUPS.wave_step * step * np.arange(-LAW_LAGS.each_side, LAW_LAGS.each_side + 1)
