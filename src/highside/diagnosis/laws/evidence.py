@@ -141,14 +141,14 @@ class Whitened:
         flat = flattened(columns)
         inverse = inverse_of(flat @ flat.T, prior)
         coefficients = inverse @ (flat @ self.residual.reshape(-1))
-        made, barred = [], self.families.barred
+        left = []
         for part, across, projections in white.beside([term.group for term in terms], self._raw):
             remaining = part.gram - np.tensordot(across, inverse, 1) @ across.transpose(0, 2, 1)
-            left = shown_of(part.gram, remaining, projections - across @ coefficients)
-            # no prior gains more than the best fit does: what cannot come near the best is not looked at
-            bound = bound_of(*left) - part.family.tries
-            bound[[i in barred for i in part.family.members]] = -np.inf
-            made.append((part, left, bound))
+            left.append((part, shown_of(part.gram, remaining, projections - across @ coefficients)))
+        # no prior gains more than the best fit does: what cannot come near the best is not looked at
+        made = [(part, own, bound_of(*own) - part.family.tries) for part, own in left]
+        for part, _, bound in made:
+            bound[[i in self.families.barred for i in part.family.members]] = -np.inf
         return made
 
     def _gains(self, terms: list[LawTerm], least: float, within: float) -> tuple[Array, list[Prior]]:
