@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from highside.diagnosis.laws.between import refined
+from highside.diagnosis.laws.between import best_between, refined
 from highside.diagnosis.laws.chain import covariate_values
 from highside.diagnosis.laws.claims import reported_laws
 from highside.diagnosis.laws.groups import LAGGING, groups_of
@@ -96,6 +96,18 @@ def test_what_a_large_law_is_is_refined_before_another_is_taken() -> None:
             assert group.depends_on == ("tf_fraction",)
             assert abs(group.axes[0].functions[0].numbers[0] - 3.45) < 0.003
             assert gain > gains.max() + 20.0
+
+
+def test_an_order_of_the_toolface_is_refined_to_no_constant() -> None:
+    # what leans all the time is no line of an order near nothing, which would be a constant where constants are free
+    state = session(43, 60)
+    search = of_places(problem_of(state, inclination_error(state, np.full(60, 0.01)), 44), "level")
+    white = search._whitened(State([], LawNoise.floor_alone(search.problem), -np.inf, search.problem.residual))
+    lines = [g for g in search.groups if g.depends_on == ("tf_fraction",)]
+    low = min(lines, key=lambda g: float(g.axes[0].functions[0].numbers[0]))
+    found = best_between(white, [], [low])
+    assert found is not None
+    assert float(found[0].axes[0].functions[0].numbers[0]) >= 0.1 - 1e-9
 
 
 def test_a_temperature_of_any_lag_is_known_and_not_listed() -> None:

@@ -159,7 +159,8 @@ def _near(problem: LawProblem, group: LawGroup, step: float) -> list[LawGroup]:
     if order := _fraction(group):
         away = LAW_GROUPS.fraction_step * step * np.arange(-LAW_LAGS.each_side, LAW_LAGS.each_side + 1)
         # of an order of nothing it is a constant
-        near = [order + float(one) for one in away if one and order + one > LAW_GROUPS.fraction_step - LAW_GROUPS.distinct]
+        lowest = LAW_GROUPS.fraction_step - LAW_GROUPS.distinct
+        near = [order + float(one) for one in away if one and order + one > lowest]
         made += [_of_order(problem, group, one) for one in near]
     if period := period_of(group):
         span = group.axes[0].high - group.axes[0].low
