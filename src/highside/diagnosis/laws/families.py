@@ -75,9 +75,9 @@ class Families:
         room = max(LAW_EVIDENCE.kept // max(self.size, 1), 1)
         del self._kept[: max(0, len(self._kept) - room + 1)]
         keep = own <= LAW_EVIDENCE.kept
-        self._kept.append(
-            WhiteFamilies(self, whitener, None if keep or whitener.mixes else self._on_channels, keep=keep)
-        )
+        # of white noise a factor of each channel is all that differs, and no column need go through a filter
+        by_channel = not whitener.mixes and (not keep or not whitener.noise.remembers)
+        self._kept.append(WhiteFamilies(self, whitener, self._on_channels if by_channel else None, keep=keep))
         return self._kept[-1]
 
 

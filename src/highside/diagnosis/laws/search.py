@@ -81,6 +81,11 @@ class Search(Starts):
         gains, _ = quiet.scores([], least=LAW_SEARCH.gain, within=LAW_SEARCH.simpler)
         if float(np.max(gains, initial=-np.inf)) < LAW_SEARCH.gain:
             return self._found(first)
+        if not self._measured(first) and self.problem.n > FEW_VALUES.most:
+            # beside rounding all shows, and means nothing; white noise is known from many values
+            alone = self._proved(self._grown(first, relearn=True))
+            if self._plain_beside_white(alone):
+                return self._found(self._without_time(alone))
         # beside the floor first: what is whitened under it is there
         other = self._grown(State([], floor, -np.inf, self.problem.residual), relearn=False)
         two = self._learn(other.terms, self.problem.residual)
@@ -145,6 +150,12 @@ class Search(Starts):
             len(terms) == 1 or not any("time" in t.group.depends_on or len(t.group.units) > 1 for t in terms)
         )
         return bool(plain and self._quiet(state) and state.evidence - nothing.evidence >= LAW_SEARCH.gain * len(terms))
+
+    def _plain_beside_white(self, state: State) -> bool:
+        """Whether there is nothing, or names alone, or one curve, beside noise that is the same in all values."""
+        white = not (state.noise.remembers or state.noise.jitter.any())
+        plain = not state.terms or bool(names_alone(state.terms)) or len(state.terms) == 1
+        return white and plain and all(lasts(term.group) for term in state.terms if not term.group.effect)
 
     def _needs_no_onset(self, state: State) -> bool:
         """Whether, of many values, one curve of one quantity or one name does it, or several that leave nothing but the
