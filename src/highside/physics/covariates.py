@@ -25,6 +25,9 @@ LAGS_S = (60, 90, 130, 200, 300, 450, 650, 900, 1200, 1800, 2700, 4000)
 """Time constants of a temperature that lags, s: each about 1.5 times the one before, so that none is off by more than a
 quarter. Source: chosen; from a sensor in its housing to a bench in a room. Between these it is estimated of a law that
 was found"""
+STATION_DEG = 0.25
+"""Change of the inclination from pose to pose from which the table stands at another station, deg. Source: chosen; set
+angles of a station are off by hundredths of it, stations are degrees apart"""
 LAGGING_NAME = re.compile(r"temp_filtered_([1-9]\d{0,5})")
 
 
@@ -73,6 +76,19 @@ def _previous_load(state: ChainState, load: AnyArray, axis: int) -> AnyArray:
     return np.repeat(np.concatenate([first[:1], first[:-1]]), length)
 
 
+def _over_turns(state: ChainState, load: AnyArray, axis: int) -> AnyArray:
+    """Toolface, deg, of a table that goes on past 360. In motion its turns are counted. From pose to pose of a station it
+    goes the short way, and is turned back before the next, unless toolfaces beyond a turn were written down."""
+    degrees = np.asarray(np.degrees(state.tf_rad))
+    begins = np.flatnonzero(np.diff(state.pose, prepend=state.pose[:1] - 1))
+    if begins.size < 2 or float(np.ptp(degrees)) > 360.0:
+        return degrees
+    inc, set_to = np.degrees(state.inc_rad)[begins], degrees[begins]
+    stations = np.split(np.arange(begins.size), 1 + np.flatnonzero(np.abs(np.diff(inc)) > STATION_DEG))
+    turned = np.concatenate([np.unwrap(set_to[one], period=360.0) for one in stations]) - set_to
+    return np.asarray(degrees + np.repeat(turned, np.diff(np.append(begins, state.n))))
+
+
 def lag_of(name: str) -> int:
     """Time constant, s, of a covariate that is a temperature that lags; 0 of every other."""
     found = LAGGING_NAME.fullmatch(name)
@@ -119,7 +135,7 @@ COVARIATES: Mapping[str, Covariate] = _Covariates({
     "load_z": Covariate("g", "load on z", _on_axis(2)),
     "inc": Covariate("deg", "inclination", lambda s, f, a: np.degrees(s.inc_rad)),
     "tf": Covariate("deg", "toolface", lambda s, f, a: np.mod(np.degrees(s.tf_rad), 360.0), periodic=True),
-    "tf_fraction": Covariate("deg", "toolface over several turns", lambda s, f, a: np.degrees(s.tf_rad)),
+    "tf_fraction": Covariate("deg", "toolface over several turns", _over_turns),
     "rate": Covariate("deg/s", "rotation rate", lambda s, f, a: np.degrees(s.rotor_rate_radps)),
     "rate_sign": Covariate(
         "1",
