@@ -9,7 +9,7 @@ from highside.physics.law_functions import Function
 from studies.open_world import judging
 from studies.open_world.laws import Law
 from studies.open_world.shapes import Shape
-from studies.open_world.true_sets import compared, of_channels
+from studies.open_world.true_sets import compared, is_of, of_channels
 
 SEED = "6724e6662d58492268508a628bcbff6915126d29"
 
@@ -21,7 +21,7 @@ def test_a_law_in_few_poses_is_less_likely_than_noise() -> None:
     assert not judging.judged(row)["in_class"]
     assert one.lacking == 0
     # side by side, where they are, one of the two is not worth what a law must be
-    assert one.shown < 2
+    assert one.shown is not None and one.shown < 2
     # both laws leave 1.2 times the floor and one of them 2.8 times, and that is not worth 6 nats
     assert 15.0 < one.true < one.found < 40.0
 
@@ -46,3 +46,6 @@ def test_a_true_law_is_looked_for_on_its_own_channels() -> None:
     assert of_channels(group("level", "y"), law("level", (0.0, 1.0, 0.0)))
     assert not of_channels(group("level", "x", "y"), law("level", (0.0, 1.0, 0.0)))
     assert of_channels(group("toolface", "tf"), law("toolface", (1.0, 0.0, 0.0)))
+    # a lean about the axis of the inclination is tried as an error of that, one about the other axis is not
+    assert is_of(group("inclination", "inc"), law("level", (1.0, 0.0, 0.0)))
+    assert not is_of(group("inclination", "inc"), law("level", (0.0, 1.0, 0.0)))
