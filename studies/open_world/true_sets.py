@@ -11,8 +11,8 @@ worth cannot be told by a search that judges by evidence; one of more was missed
 and not told, for its laws predict no values that were held out. A true law that has no group is told.
 
 Then all true laws stand side by side in the places and on the channels that they have, which no search is told: of how
-many the removal costs the 12 nats that a law must be worth, the noise learnt again. Where that is not all of them, no
-engine that learns noise and demands as much can tell them all.
+many the removal costs the 12 nats that a law must be worth, the noise learnt again. Where that is not all of them, a
+search by this evidence, of smooth functions with these priors, cannot tell them all; who knows the forms may.
 """
 
 from __future__ import annotations

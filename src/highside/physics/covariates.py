@@ -77,8 +77,11 @@ def _previous_load(state: ChainState, load: AnyArray, axis: int) -> AnyArray:
 
 
 def _over_turns(state: ChainState, load: AnyArray, axis: int) -> AnyArray:
-    """Toolface, deg, of a table that goes on past 360. In motion its turns are counted. From pose to pose at a station
-    it goes the short way, and is turned back before the next, unless toolfaces beyond a turn were written down."""
+    """(n,) toolface, deg, of a table that goes on past 360. In motion its turns are counted. From pose to pose at a
+    station it goes the short way, and is turned back before the next, unless toolfaces beyond a turn were written down.
+
+    Of a whole session: rows that begin within a station lack the turns before them.
+    """
     degrees = np.asarray(np.degrees(state.tf_rad))
     begins = np.flatnonzero(np.diff(state.pose, prepend=state.pose[:1] - 1))
     if begins.size < 2 or float(np.ptp(degrees)) > 360.0:
