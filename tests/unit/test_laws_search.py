@@ -16,7 +16,9 @@ from highside.diagnosis.laws.families import Families
 from highside.diagnosis.laws.few_values_policy import FEW_VALUES
 from highside.diagnosis.laws.found import Found
 from highside.diagnosis.laws.groups import groups_of
-from highside.diagnosis.laws.noise import LadderNoise, LawNoise, Whitener, ladder_lengths, level_lengths
+from highside.diagnosis.laws.ladder import LadderNoise
+from highside.diagnosis.laws.noise import LawNoise, Whitener
+from highside.diagnosis.laws.noise_filters import ladder_lengths, level_lengths
 from highside.diagnosis.laws.noise_policy import LAW_NOISE
 from highside.diagnosis.laws.policy import LAW_EVIDENCE, LAW_SEARCH
 from highside.diagnosis.laws.priors import Prior, best_priors

@@ -11,7 +11,7 @@ from highside.arrays import Array
 from highside.diagnosis.core.filters import BlockFilter
 from highside.diagnosis.core.markov import LevelNoise
 from highside.diagnosis.core.memory_policy import MEMORY
-from highside.diagnosis.laws.noise import LadderNoise
+from highside.diagnosis.laws.ladder import LadderNoise
 from highside.diagnosis.laws.noise_policy import LAW_NOISE
 
 ROWS = st.integers(1, 3 * MEMORY.block_rows + 5)

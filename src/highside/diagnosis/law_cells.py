@@ -60,6 +60,13 @@ class CellMeans:
         used = self.number >= 0
         return slice(None) if used.all() else used
 
+    @cached_property
+    def by_cell(self) -> tuple[Ints, Ints]:
+        """The rows that are in a cell, cell by cell and in order within each, and the number of each one's cell."""
+        rows = np.argsort(self.number, kind="stable")
+        rows = rows[np.searchsorted(self.number[rows], 0) :]
+        return rows, self.number[rows]
+
     def nodes(self, values: Array) -> tuple[Array, Array, Array]:
         """Nodes and weights (k, m) by which the mean of a smooth function of values (n,) over the rows of each cell is
         a sum over k of its values: Gauss quadrature, exact of polynomials up to the degree 2 k - 1. And the standard
@@ -99,6 +106,11 @@ class CellMeans:
         starts = np.searchsorted(number[order], np.arange(self.count.size))
         return np.minimum.reduceat(own[order], starts), np.maximum.reduceat(own[order], starts)
 
+    def from_middle(self, tf_rad: Array) -> Array:
+        """(n,) how far each row is turned, the short way, from the one that stands for its cell."""
+        away = tf_rad - tf_rad[self.middle][np.maximum(self.number, 0)]
+        return np.asarray((away + np.pi) % (2 * np.pi) - np.pi)
+
     def within(self, wanted: NDArray[np.bool_]) -> tuple[Ints, Callable[[Array], Array]]:
         """The rows (N,) of the cells `wanted` (m,), and what takes (..., N) to (..., m): means of these cells."""
         rows = np.flatnonzero(wanted[self.number] & (self.number >= 0))
@@ -115,12 +127,10 @@ class CellMeans:
         def cells(values: Array) -> Array:
             return np.concatenate([values[before], self.mean(values)])
 
-        away = state.tf_rad - state.tf_rad[self.middle][np.maximum(self.number, 0)]
-        away = (away + np.pi) % (2 * np.pi) - np.pi
         made = state.rows(np.concatenate([before, self.middle]))
         averaged: dict[str, Any] = {name: cells(np.asarray(getattr(state, name), dtype=float)) for name in AVERAGED}
         extra = {name: cells(np.asarray(values, dtype=float)) for name, values in state.extra.items()}
-        turned = made.tf_rad + np.concatenate([np.zeros(before.size), self.mean(np.asarray(away))])
+        turned = made.tf_rad + np.concatenate([np.zeros(before.size), self.mean(self.from_middle(state.tf_rad))])
         return replace(made, tf_rad=turned, extra=extra, **averaged)
 
 

@@ -11,15 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highside.arrays import Array
+from highside.diagnosis.cell_floor import floor_of_cells
 from highside.diagnosis.core.candidates import shapes_tried, step_times
 from highside.diagnosis.core.fit import base_fit
 from highside.diagnosis.core.floor import lattice_step, rounding_errors
 from highside.diagnosis.core.observed import ObservationModel, Observed
 from highside.diagnosis.core.set_angle_errors import turned_by_set_angles
 from highside.diagnosis.law_cells import CellMeans, cells_of, sectors_of
+from highside.diagnosis.laws.cell_noise import CellNoise
 from highside.diagnosis.laws.chain import OF_POSES, OF_ROTATION, AllRows, chain_problem, covariate_values, unit_law
 from highside.diagnosis.laws.groups import HISTORY
-from highside.diagnosis.laws.noise import step_of
+from highside.diagnosis.laws.noise_filters import step_of
 from highside.diagnosis.laws.policy import LAW_FLOOR
 from highside.diagnosis.laws.problem import CovariateValues, LawProblem, PlaceField, fields_that_act
 from highside.diagnosis.poses.session import PoseSession
@@ -63,6 +65,8 @@ class ChainSession:
     """of the turn, at which the readings have a line"""
     measured: bool = True
     """whether the floor was measured"""
+    forgets: Array | None = None
+    """(C,) of each channel how the noise of rows is forgotten, as in `floor_of_cells`"""
     looked_at: LibraryColumns = field(default_factory=list, compare=False, repr=False)
 
     @classmethod
@@ -82,24 +86,22 @@ class ChainSession:
 
         orders = found_orders(session, residual)
         cells = cells_of(session, sectors_of(session, orders))
-        # a cell of one row has no scatter within
-        used = (cells.number >= 0) & (cells.count[np.maximum(cells.number, 0)] > 1)
-        within = residual - cells.mean(residual)[:, np.maximum(cells.number, 0)]
-        rows, several = float(used.sum()), float(np.sum(cells.count > 1))
-        lost = np.sqrt(rows / max(rows - several, 1.0))
-        if rows < LAW_FLOOR.rows:
-            # of single rows the scatter is what bends from row to row, of variance 6 for white noise of variance 1
-            bent = residual[:, 2:] - 2 * residual[:, 1:-1] + residual[:, :-2]
-            within, lost = np.pad(bent, ((0, 0), (1, 1)), mode="edge") / np.sqrt(1 + 4 + 1), 1.0
-            used = cells.number >= 0
-        own = np.array([np.sqrt(np.median(row[used] ** 2)) for row in within]) / LAW_FLOOR.mad
         least = LAW_FLOOR.least * np.sqrt(np.mean(session.readings**2, axis=1))
-        floor = np.maximum(own * lost, least)[:, None] / np.sqrt(cells.count)
+        slopes = cells.from_middle(session.state.tf_rad), session.state.t_s - session.state.t_s[0]
+        floor, forgets = floor_of_cells(residual, cells, least, slopes)
         # a function of the reading, and no law: as large in a mean as it is in all of its rows
         error = cells.mean(_rounding_of(session.readings, residual, session.state))
         floor = np.sqrt(floor**2 + error**2 / 3.0)
         return cls(
-            session.state, session.readings, tuple(free), session.channels, floor, OF_ROTATION, cells, orders=orders
+            session.state,
+            session.readings,
+            tuple(free),
+            session.channels,
+            floor,
+            OF_ROTATION,
+            cells,
+            orders=orders,
+            forgets=forgets,
         )
 
     @cached_property
@@ -168,7 +170,15 @@ class ChainSession:
             every_pair=self.cells is None,
             measured=self.measured,
             among=None if self.cells is None else AllRows(self.state, self.cells),
+            cells=self._cell_noise,
         )
+
+    @cached_property
+    def _cell_noise(self) -> CellNoise | None:
+        """The noise of means; None where each value is one row or one pose."""
+        if self.cells is None or self.forgets is None or not np.any(self.cells.count > 1):
+            return None
+        return CellNoise(self.cells, self.state.t_s, self.floor, self.forgets)
 
     def derivatives(self, model: ForwardModel, wanted: Sequence[tuple[Effect, Array]]) -> list[Array]:
         """(k, C, m) by the parameters of each effect, at its vector."""

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highside.arrays import Array
+from highside.diagnosis.laws.cell_noise import CellNoise
 from highside.diagnosis.laws.problem import CovariateValues, LawProblem, PlaceField, fields_that_act
 from highside.physics.covariates import COVARIATES, covariate
 from highside.physics.effect import AXES
@@ -129,6 +130,7 @@ def chain_problem(
     every_pair: bool = False,
     measured: bool = True,
     among: AllRows | None = None,
+    cells: CellNoise | None = None,
 ) -> LawProblem:
     """The problem of a residual (C, n) beside what is free (P, C, n), of states that may stand for more rows."""
     gyros = residual.shape[0] > len(AXES)
@@ -149,4 +151,5 @@ def chain_problem(
         orders,
         every_pair=every_pair,
         measured=measured,
+        cells=cells,
     )

@@ -10,29 +10,26 @@ then the neighbours of the best level and of the best ladder.
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Hashable, Iterator, Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from highside.arrays import Array
-from highside.diagnosis.core.markov import LevelNoise
 from highside.diagnosis.core.regression import flattened, outside
 from highside.diagnosis.laws.evidence import LawTerm, orthonormal
 from highside.diagnosis.laws.families import raw_columns_of
 from highside.diagnosis.laws.groups import LawGroup
-from highside.diagnosis.laws.noise import (
-    LadderNoise,
-    LawNoise,
-    Whitener,
-    evidence,
-    evidence_of_settings,
-    ladder_lengths,
+from highside.diagnosis.laws.noise import LawNoise, Whitener, evidence, evidence_of_settings
+from highside.diagnosis.laws.noise_filters import (
+    LADDERS,
+    LEVELS,
+    CellFilters,
+    Numbers,
+    RowFilters,
+    SettingFilters,
     level_lengths,
-    transposed_by_ladders,
-    white_by_ladders,
 )
 from highside.diagnosis.laws.noise_policy import LAW_NOISE
 from highside.diagnosis.laws.policy import LAW_EVIDENCE
@@ -41,8 +38,6 @@ from highside.diagnosis.laws.problem import LawProblem
 FREE = "free"
 TOGETHER = ((1.0, 1.0, 0.0), (1.0, 0.0, 1.0))
 """errors that are of one size: of both set angles, and of the level in both its directions"""
-_Filter = Callable[[Array], Array]
-_Numbers = NDArray[np.intp]
 
 
 @dataclass(frozen=True)
@@ -128,22 +123,19 @@ class NoiseLearner:
         return _Columns(term.group, raw, kept.T * size)
 
 
-_LEVELS = np.arange(len(LAW_NOISE.shares) * len(LAW_NOISE.lengths)).reshape(len(LAW_NOISE.shares), -1) + 1
-"""number of each level's setting; white noise alone is number 0"""
-_LADDERS = np.arange(len(LAW_NOISE.ladders)) + _LEVELS.size + 1
-_COARSE: _Numbers = np.concatenate([[0], _LEVELS[1::2, 1::2].ravel(), _LADDERS[1::2]])
+_COARSE: Numbers = np.concatenate([[0], LEVELS[1::2, 1::2].ravel(), LADDERS[1::2]])
 
 
-def _near(chosen: int, others: Sequence[int]) -> _Numbers:
+def _near(chosen: int, others: Sequence[int]) -> Numbers:
     """A setting, white noise alone, and other settings with the neighbours of each in share and length."""
     found = {0, chosen}
     for number in others:
-        if number >= _LADDERS[0]:
-            at = number - int(_LADDERS[0])
-            found.update(_LADDERS[max(at - 1, 0) : at + 2].tolist())
+        if number >= LADDERS[0]:
+            at = number - int(LADDERS[0])
+            found.update(LADDERS[max(at - 1, 0) : at + 2].tolist())
         elif number:
-            i, j = divmod(number - 1, _LEVELS.shape[1])
-            found.update(_LEVELS[max(i - 1, 0) : i + 2, max(j - 1, 0) : j + 2].ravel().tolist())
+            i, j = divmod(number - 1, LEVELS.shape[1])
+            found.update(LEVELS[max(i - 1, 0) : i + 2, max(j - 1, 0) : j + 2].ravel().tolist())
     return np.array(sorted(found))
 
 
@@ -152,7 +144,7 @@ class _Settings:
     """Some settings of one channel, by their rising numbers (S,): inner products (S, K + 1, K + 1) and log
     determinants (S,) at a factor of 1."""
 
-    numbers: _Numbers
+    numbers: Numbers
     inner: Array
     log_determinant: Array
 
@@ -166,51 +158,15 @@ class _Settings:
         return int(np.searchsorted(self.numbers, number))
 
 
-@dataclass(frozen=True)
-class _Filters:
-    """Filters at a factor of 1 of white noise whose mean variance is 1: white noise, levels, ladders."""
-
-    sigma: Array
-    levels: LevelNoise
-    ladders: tuple[LadderNoise, ...]
-    log_determinant: Array
-    """(S,)"""
-
-    @classmethod
-    def of(cls, white: Array, t_s: Array) -> _Filters:
-        shares = np.repeat(LAW_NOISE.shares, len(LAW_NOISE.lengths))
-        lengths = np.tile(level_lengths(t_s), len(LAW_NOISE.shares))
-        levels = LevelNoise.of(white, t_s, shares, lengths)
-        ladders = tuple(LadderNoise.several(white, t_s, np.array(LAW_NOISE.ladders), ladder_lengths(t_s)))
-        plain = np.array([float(np.log(white).sum())])
-        logs = [plain, levels.log_determinant, *(ladder.log_determinant for ladder in ladders)]
-        return cls(np.sqrt(white), levels, ladders, np.concatenate(logs))
-
-    def runs(self, numbers: _Numbers) -> Iterator[tuple[slice, _Filter, _Filter]]:
-        """Runs of these settings: where they stand among them, what whitens rows, (m, n) to (s, m, n), and the
-        transposed filters on what is white."""
-        bounds = np.searchsorted(numbers, [1, _LADDERS[0]])
-        if bounds[0]:
-            yield slice(0, 1), lambda rows: (rows / self.sigma)[None], lambda white: white / self.sigma
-        at_once = max(1, LAW_NOISE.at_once // self.sigma.size)
-        for i in range(bounds[0], bounds[1], at_once):
-            run = slice(i, min(i + at_once, int(bounds[1])))
-            made = self.levels.of_settings(numbers[run] - 1)
-            yield run, made.white, made.transposed
-        if ladders := [self.ladders[k] for k in numbers[bounds[1] :] - _LADDERS[0]]:
-            run = slice(int(bounds[1]), len(numbers))
-            yield run, partial(white_by_ladders, ladders), partial(transposed_by_ladders, ladders)
-
-
 class _Products:
     """Inner products of one channel under its settings; `scale` is the mean variance of its white noise."""
 
-    def __init__(self, channel: int, filters: _Filters, scale: float, n: int) -> None:
+    def __init__(self, channel: int, filters: SettingFilters, scale: float, n: int) -> None:
         self.channel, self.filters, self.scale, self.n = channel, filters, scale, n
         self._blocks: dict[tuple[Hashable, Hashable], tuple[Array, NDArray[np.bool_]]] = {}
         """(S, m, k), and of which settings (S,) they are known"""
 
-    def settings(self, parts: Sequence[_Columns], numbers: _Numbers) -> _Settings:
+    def settings(self, parts: Sequence[_Columns], numbers: Numbers) -> _Settings:
         """Of all parts, in their order, the residual last, under settings of these rising numbers."""
         ends = np.cumsum([0, *(len(part.turn) for part in parts)])
         inner = np.zeros((len(numbers), int(ends[-1]), int(ends[-1])))
@@ -227,14 +183,14 @@ class _Products:
             if j > i:
                 inner[:, ends[j] : ends[j + 1], ends[i] : ends[i + 1]] = block.transpose(0, 2, 1)
         inner /= self.scale
-        return _Settings(numbers, inner, self.filters.log_determinant[numbers] + self.n * float(np.log(self.scale)))
+        return _Settings(numbers, inner, self.filters.log_determinants(numbers) + self.n * float(np.log(self.scale)))
 
     def _take(
         self,
         parts: Sequence[_Columns],
         acting: Sequence[NDArray[np.intp]],
         pairs: Sequence[tuple[int, int]],
-        numbers: _Numbers,
+        numbers: Numbers,
     ) -> None:
         """Inner products (S, m, k) of the columns of two parts that act on the channel, under the settings for which
         they are not known: those that lack the same ones go through the filters together."""
@@ -244,7 +200,7 @@ class _Products:
             if turned in self._blocks:
                 key, (i, j) = turned, (j, i)
             if key not in self._blocks:
-                count = self.filters.log_determinant.size
+                count = self.filters.count
                 self._blocks[key] = np.empty((count, acting[i].size, acting[j].size)), np.zeros(count, dtype=bool)
             alike[numbers[~self._blocks[key][1][numbers]].tobytes()].append((i, j))
         for lacking, own in alike.items():
@@ -256,7 +212,7 @@ class _Products:
         parts: Sequence[_Columns],
         acting: Sequence[NDArray[np.intp]],
         pairs: Sequence[tuple[int, int]],
-        numbers: _Numbers,
+        numbers: Numbers,
     ) -> None:
         """These inner products under these settings, run by run: all at once are many times the columns."""
         blocks = {(i, j): self._blocks[parts[i].key, parts[j].key] for i, j in pairs}
@@ -292,16 +248,19 @@ def _to_solve(pairs: Sequence[tuple[int, int]], sizes: Sequence[int]) -> dict[tu
 
 
 def _products_of(problem: LawProblem) -> list[_Products]:
-    """One for each channel; channels whose floors are in proportion share their filters."""
-    made: list[tuple[Array, _Filters]] = []
+    """One for each channel; channels of independent values whose floors are in proportion share their filters."""
+    made: list[tuple[Array, RowFilters]] = []
     found = []
     for c in range(problem.count):
         variance = problem.floor[c] ** 2
         mean = float(variance.mean())
+        if problem.cells is not None:
+            found.append(_Products(c, CellFilters(problem.cells, c, problem.t_s), mean, problem.n))
+            continue
         white = variance / mean
         own = next((filters for known, filters in made if np.allclose(known, white, rtol=1e-9, atol=0.0)), None)
         if own is None:
-            own = _Filters.of(white, problem.t_s)
+            own = RowFilters.of(white, problem.t_s)
             made.append((white, own))
         found.append(_Products(c, own, mean, problem.n))
     return found
@@ -327,8 +286,8 @@ class _Best:
         made = LawNoise.floor_alone(problem)
         share, length, ladder = made.share.copy(), made.length.copy(), made.ladder.copy()
         for c, number in enumerate(self.chosen):
-            if number >= _LADDERS[0]:
-                ladder[c] = LAW_NOISE.ladders[number - int(_LADDERS[0])]
+            if number >= LADDERS[0]:
+                ladder[c] = LAW_NOISE.ladders[number - int(LADDERS[0])]
             elif number:
                 i, j = divmod(number - 1, lengths.size)
                 share[c], length[c] = shares[i], lengths[j]
@@ -368,7 +327,7 @@ def _best_of(problem: LawProblem, settings: Sequence[_Settings], prior: Array, s
             i, f = divmod(int(np.argmax(found)), sizes.shape[1])
             chosen[c], factor[c] = i, sizes[i, f]
             best = float(found[i, f]) - float(sum(settings[d].cost[chosen[d]] for d in range(count) if d != c))
-            ladders = own.at(int(_LADDERS[0]))
+            ladders = own.at(int(LADDERS[0]))
             kinds = [part for part in np.split(np.arange(len(own.numbers)), [1, ladders])[1:] if part.size]
             of_kinds[c] = [int(own.numbers[part[int(np.argmax(found.max(axis=1)[part]))]]) for part in kinds]
     numbers = [int(own.numbers[i]) for own, i in zip(settings, chosen, strict=True)]

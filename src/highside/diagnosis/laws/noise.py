@@ -1,22 +1,23 @@
 """The noise that laws compete with: learnt by the same evidence, never below the floor.
 
-Of each channel white noise of at least the floor, and on it a level that forgets (an Ornstein-Uhlenbeck process; of a
-long memory a random walk) or a ladder of such levels (1/f). Errors of the set angles move all channels of a value
-together. Values are whitened in time order by a Kalman filter, at a cost that grows with their number.
+Of each channel noise of at least the floor, which is white but for means over rows that are correlated, and on it a
+level that forgets (an Ornstein-Uhlenbeck process; of a long memory a random walk) or a ladder of such levels (1/f).
+Errors of the set angles move all channels of a value together. Values are whitened in time order by a Kalman filter, at
+a cost that grows with their number.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from highside.arrays import Array
-from highside.diagnosis.core.filters import BlockFilter, through_bands
+from highside.diagnosis.core.grouped_noise import GroupedNoise
 from highside.diagnosis.core.markov import LevelNoise
+from highside.diagnosis.laws.ladder import LadderNoise
+from highside.diagnosis.laws.noise_filters import filter_of
 from highside.diagnosis.laws.noise_policy import LAW_NOISE
 from highside.diagnosis.laws.policy import LAW_EVIDENCE
 from highside.diagnosis.laws.problem import LawProblem
@@ -78,7 +79,7 @@ class Whitener:
     def __init__(self, problem: LawProblem, noise: LawNoise) -> None:
         self.noise, self.problem = noise, problem
         self.mixes = bool(np.any(noise.jitter > 0))
-        self._filters: list[LevelNoise | LadderNoise | None] = []
+        self._filters: list[LevelNoise | LadderNoise | GroupedNoise | None] = []
         self.log_determinant = 0.0
         white = (noise.factor[:, None] * problem.floor) ** 2
         if self.mixes:
@@ -94,7 +95,7 @@ class Whitener:
             return
         self._scale = np.sqrt(white)
         for c in range(problem.count):
-            made = filter_of(white[c], problem.t_s, noise.share[c], noise.length[c], noise.ladder[c])
+            made = filter_of(white[c], problem, c, noise.share[c], noise.length[c], noise.ladder[c])
             self._filters.append(made)
             own = 2 * float(np.log(self._scale[c]).sum()) if made is None else float(made.log_determinant[0])
             self.log_determinant += own
@@ -151,8 +152,6 @@ class Whitener:
         made = self._filters[c]
         if made is None:
             return np.asarray(rows / self._scale[c])
-        if isinstance(made, LadderNoise):
-            return np.asarray(made.transposed(rows[None])[0])
         return np.asarray(made.transposed(rows[None])[0])
 
     def clipped(self, residual: Array, fitted: Array) -> Array:
@@ -162,132 +161,6 @@ class Whitener:
         if not over.any() or float(np.mean(over != 0)) > LAW_NOISE.clipped:
             return residual
         return np.asarray(residual - over * self._scale)
-
-
-def filter_of(white: Array, t_s: Array, share: float, length: float, ladder: float) -> LevelNoise | LadderNoise | None:
-    """The filter of one channel; None for white noise."""
-    if ladder > 0:
-        return LadderNoise.of(white, t_s, ladder * float(white.mean()), ladder_lengths(t_s))
-    if share > 0:
-        return LevelNoise.of(white, t_s, np.array([share * float(white.mean())]), np.array([length]))
-    return None
-
-
-def step_of(t_s: Array) -> float:
-    """Median time from value to value, s."""
-    return max(float(np.median(np.diff(t_s))), 1e-9) if t_s.size > 1 else 1.0
-
-
-def level_lengths(t_s: Array) -> Array:
-    """(K,) lengths of a level that are tried, s."""
-    return _reaching(np.array(LAW_NOISE.lengths), LAW_NOISE.spans_of_a_walk, t_s)
-
-
-def ladder_lengths(t_s: Array) -> Array:
-    """(L,) lengths of the ladder's levels, s."""
-    steps = np.asarray(LAW_NOISE.ladder_step ** np.arange(LAW_NOISE.ladder), dtype=float)
-    return _reaching(steps, LAW_NOISE.spans_of_a_ladder, t_s)
-
-
-def _reaching(steps: Array, spans: float, t_s: Array) -> Array:
-    """Lengths in s of some in median steps, drawn apart so that the longest is so many spans of a session at least."""
-    step = step_of(t_s)
-    longest = max(float(steps[-1]), spans * float(np.ptp(t_s)) / step)
-    return np.asarray(step * steps ** (np.log(longest) / np.log(steps[-1])))
-
-
-@dataclass(frozen=True)
-class LadderNoise:
-    """As `LevelNoise` of one setting, the sum of several levels of like variance."""
-
-    variance: Array
-    """(n,)"""
-    gain: Array
-    """(n, L)"""
-    decay: Array
-    """(n, L)"""
-
-    @classmethod
-    def of(cls, white: Array, t_s: Array, share: float, lengths: Array) -> LadderNoise:
-        """`white` (n,) variances, `share` the variance of each level, `lengths` (L,) s."""
-        return cls.several(white, t_s, np.array([share]), lengths)[0]
-
-    @classmethod
-    def several(cls, white: Array, t_s: Array, shares: Array, lengths: Array) -> list[LadderNoise]:
-        """One for each of the shares (R,)."""
-        n, levels = white.size, lengths.size
-        decay = np.exp(-np.diff(t_s, prepend=t_s[:1])[:, None] / lengths)
-        variance, gain = np.empty((n, shares.size)), np.empty((n, shares.size, levels))
-        each, diagonal = shares[:, None, None], np.arange(levels)
-        spread = each * np.eye(levels)
-        for t in range(n):
-            if t:
-                spread = spread * np.outer(decay[t], decay[t])
-                spread[:, diagonal, diagonal] += each[:, 0] * (1 - decay[t] ** 2)
-            observed = spread.sum(axis=2)
-            variance[t] = observed.sum(axis=1) + white[t]
-            gain[t] = observed / variance[t][:, None]
-            spread = spread - gain[t][:, :, None] * observed[:, None, :]
-        after = np.ones((n, levels))
-        after[:-1] = decay[1:]
-        return [cls(variance[:, r], gain[:, r], after) for r in range(shares.size)]
-
-    @property
-    def log_determinant(self) -> Array:
-        """(1,)."""
-        return np.array([float(np.log(self.variance).sum())])
-
-    @cached_property
-    def _bands(self) -> Array:
-        """(L + 2, n (L + 1)) the filter as one system of few bands, of what is left of each row and its levels after
-        it: a row is what is left and the sum of the levels before it."""
-        n, levels = self.decay.shape
-        bands = np.zeros((levels + 2, n, levels + 1), order="F")
-        bands[0] = 1.0
-        for k in range(levels):
-            bands[1 + k, :, 0] = -self.decay[:, k] * self.gain[:, k]
-            bands[levels - k, :, 1 + k] = 1.0
-            bands[levels + 1, :-1, 1 + k] = -self.decay[1:, k]
-        return np.asfortranarray(bands.reshape(levels + 2, -1))
-
-    @cached_property
-    def _blocks(self) -> BlockFilter:
-        return BlockFilter.of(self.gain, self.decay, self.variance)
-
-    def white(self, columns: Array) -> Array:
-        """(1, K, n) innovations of columns (K, n)."""
-        made = np.empty((1, *columns.shape))
-        self.white_into(columns, made[0])
-        return made
-
-    def white_into(self, columns: Array, out: Array) -> None:
-        """These, written to `out` (K, n)."""
-        if len(columns) > LAW_NOISE.ladder_by_bands:
-            self._blocks.white_into(columns, out)
-        else:
-            np.divide(self._through_bands(columns), np.sqrt(self.variance), out=out)
-
-    def transposed(self, white: Array) -> Array:
-        """(1, K, n) the transposed filter on whitened columns (1, K, n), as `LevelNoise.transposed`."""
-        return self._through_bands(white[0] / np.sqrt(self.variance), transposed=True)[None]
-
-    def _through_bands(self, columns: Array, *, transposed: bool = False) -> Array:
-        """(K, n) what is left of columns (K, n), or the transposed filter on them."""
-        n, levels = self.decay.shape
-        both = np.zeros((len(columns), n, levels + 1))
-        both[:, :, 0] = columns
-        made = through_bands(self._bands, both.reshape(len(columns), n * (levels + 1)), transposed=transposed)
-        return made.reshape(both.shape)[:, :, 0]
-
-
-def white_by_ladders(ladders: Sequence[LadderNoise], columns: Array) -> Array:
-    """(R, K, n) innovations of columns (K, n) under each ladder."""
-    return np.concatenate([one.white(columns) for one in ladders])
-
-
-def transposed_by_ladders(ladders: Sequence[LadderNoise], white: Array) -> Array:
-    """(R, K, n) the transposed filters on whitened columns (R, K, n)."""
-    return np.concatenate([one.transposed(rows[None]) for one, rows in zip(ladders, white, strict=True)])
 
 
 def evidence(inner: Array, prior: Array, log_determinant: Array) -> Array:

@@ -50,6 +50,12 @@ class LawNoisePolicy:
     """Nats a further kind of noise must gain to be taken. Source: chosen; half a logarithm of fifty values each."""
     jitters: tuple[float, ...] = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 64.0)
     """Scatter of a set angle, in units of what the floor makes of it. Source: chosen; a wide grid."""
+    group: int = 64
+    """Cells of a group whose means are whitened together, at least. Source: chosen; of so many the floor's correlations
+    across a border, which are left out, are few, and a filter costs what a column of products does."""
+    kept: int = 20_000_000
+    """Numbers of the filters of cells that are kept. Source: 160 MB; of 3,000 cells some ninety filters, of the hundred
+    and more that a search asks for."""
     ladder_by_bands: int = 3
     """Columns up to which a ladder filters them as a system of few bands. Source: of 2,717 rows each takes 0.13 ms so;
     block by block 16 take 0.3 ms, and the matrices of the blocks, which are kept, 0.4 ms."""

@@ -277,11 +277,26 @@ class LawFloorPolicy:
     rows: int = 200
     """Rows of cells that have several, from which the scatter within cells is the floor. Source: a median of so many is
     known to a tenth."""
+    rows_of_a_cell: int = 6
+    """Rows of a cell of which what is straight within it is no noise. Source: chosen; three of six are its mean and
+    the slopes of toolface and time."""
     mad: float = 0.6745
     """Median of the size of a normal deviate. Source: the normal distribution."""
     apart: float = 0.02
     """Share of the noise's variance by which rows of a cell differ from its mean, at least. Source: two neighbouring
     rows of noise that is correlated by 0.96; beyond, an error of that correlation is as large."""
+    correlation: float = 0.98
+    """Correlation of neighbouring rows, at most. Source: `apart`."""
+    alike: float = 0.5
+    """Correlation of rows of a cell that are far apart, up to which their difference says how large noise is. Source:
+    chosen; of more, an error of the correlation is as large."""
+    straight: float = 1e-6
+    """Part of a slope that is left beside a cell's mean, from which it differs within the cell. Source: rounding."""
+    coloured: float = 0.1
+    """Correlation of neighbouring rows from which they are not independent. Source: chosen; the mean of many rows is
+    then a tenth less certain."""
+    turns: int = 4
+    """Times that the size and the correlation of rows are estimated, each beside the other. Source: tried."""
 
 
 LAW_FLOOR = LawFloorPolicy()
@@ -360,12 +375,12 @@ class LawVerdictPolicy:
     large: float = 0.25
     """Share of a law's largest departure from its median from which it is large there. Source: chosen; a bump is
     located by 3.3 of its standard deviations."""
-    beside_random_walk: float = 40.0
+    beside_random_walk: float = 20.0
     """Nats that an offset that follows time or temperature must gain in a rotation where a random walk of the zero
-    offset was found. Source: such a random walk of 12 minutes (tests/unit/test_diagnosis_rotation.py) was worth 15.7;
-    levels of a random walk that is sampled in cells are learned less well than white noise. Poses need no more than
-    other laws: none of 171 nulls of walking, 1/f and coloured noise of three decks had a law, and of laws in 14 poses,
-    of whatever size, none can gain 40."""
+    offset was found. Source: a bump over temperature of 2.5 sigma in four minutes gains 36.9 (tests.bench.
+    diagnosis_speed), and none of 24 random walks of 12,000 to 90,000 rows had a law of 12; it was 40 while the noise of
+    means was taken for a chain. Poses need no more than other laws: none of 171 nulls of walking, 1/f and coloured
+    noise of three decks had a law, and of laws in 14 poses, of whatever size, none can gain as much."""
     least_explained: float = 0.01
     """Share of a misfit larger than the noise below which laws are no answer, nor names where it is taken for errors of
     the set angles. Source: an offset that swings ever faster was told as a law that explained less than 0.001."""

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from highside.arrays import Array
 from highside.diagnosis.core.regression import flattened
+from highside.diagnosis.laws.cell_noise import CellNoise
 from highside.diagnosis.laws.policy import LAW_GROUPS
 from highside.physics.covariates import lag_of
 from highside.physics.law import Axis
@@ -235,6 +236,8 @@ class LawProblem:
     """products of any two covariates are tried, not of the usual ones alone: of few values they cost little"""
     measured: bool = True
     """whether the floor was measured; else it is what rounding leaves"""
+    cells: CellNoise | None = None
+    """the noise of values that are means over cells of rows; None: values are rows, or poses"""
 
     @property
     def n(self) -> int:
