@@ -7,7 +7,7 @@ import pytest
 from scipy.signal import lfilter
 
 from highside.arrays import Array
-from highside.diagnosis.cell_floor import floor_of_cells, shares_of_means
+from highside.diagnosis.cell_floor import floor_of_cell_means, shares_of_means
 from highside.diagnosis.law_cells import CellMeans, cells_of
 from highside.diagnosis.law_sessions import ChainSession
 from highside.diagnosis.laws.cell_noise import CellNoise, borders_of_groups
@@ -20,6 +20,7 @@ from studies import diagnosis_deck as deck
 from studies import rotation_cases as cases
 
 SIGMA = 8e-5
+FURTHER = pytest.mark.further
 
 
 def coloured(rng: np.random.Generator, shape: tuple[int, ...], phi: float) -> Array:
@@ -75,9 +76,9 @@ def test_means_are_whitened_as_noise_of_their_rows_makes_them(
     noise = CellNoise(cells, t_s, floor[None], np.array([forgets]), 8).filter(0, lengths, variance)
     columns = np.random.default_rng(3).normal(size=(4, cells.count.size))
     white, solved = noise.scaled(2.0).white(columns), columns @ np.linalg.inv(4.0 * whole)
-    np.testing.assert_allclose(white[0] @ white[0].T, columns @ solved.T, rtol=1e-7, atol=1e-9)
-    np.testing.assert_allclose(noise.scaled(2.0).transposed(white)[0], solved, rtol=1e-6, atol=1e-9)
-    assert noise.scaled(2.0).log_determinant[0] == pytest.approx(np.linalg.slogdet(4.0 * whole)[1], abs=1e-7)
+    np.testing.assert_allclose(white[0] @ white[0].T, columns @ solved.T, rtol=1e-6, atol=1e-7)
+    np.testing.assert_allclose(noise.scaled(2.0).transposed(white)[0], solved, rtol=1e-5, atol=1e-7)
+    assert noise.scaled(2.0).log_determinant[0] == pytest.approx(np.linalg.slogdet(4.0 * whole)[1], abs=1e-5)
 
 
 @pytest.mark.parametrize("phi", [0.0, 0.3, 0.6, 0.9])
@@ -130,7 +131,7 @@ def test_what_follows_the_toolface_hardly_raises_the_floor(phi: float, size: flo
     misfit = size * SIGMA * np.stack([np.cos(state.tf_rad), np.sin(2 * state.tf_rad), state.t_s / state.t_s[-1]])
     cells = cells_of(RotationSession(noise, state))
     slopes = cells.from_middle(state.tf_rad), state.t_s
-    alone, beside = (floor_of_cells(one, cells, np.zeros(3), slopes)[0] for one in (noise, noise + misfit))
+    alone, beside = (floor_of_cell_means(one, cells, np.zeros(3), slopes)[0] for one in (noise, noise + misfit))
     assert np.all(np.median(beside / alone, axis=1) < most)
 
 
@@ -144,14 +145,26 @@ def found_in(seed: int, rows: int, kind: str) -> int:
     return len(Search(laws.problem(sensor, laws.residual(sensor))).run().terms)
 
 
-@pytest.mark.parametrize(("seed", "rows"), [(14, 12_000), (12, 45_000), (13, 45_000), (14, 45_000), (11, 90_000)])
+@pytest.mark.parametrize(
+    ("seed", "rows"),
+    [
+        (14, 12_000),
+        (12, 45_000),
+        pytest.param(13, 45_000, marks=FURTHER),
+        pytest.param(14, 45_000, marks=FURTHER),
+        pytest.param(11, 90_000, marks=FURTHER),
+    ],
+)
 def test_noise_that_is_correlated_from_row_to_row_is_no_law(seed: int, rows: int) -> None:
     """One to six laws of the acceleration, the vibration, the toolface were found in each of these: they were what
     told the rows of a ramp from others."""
     assert found_in(seed, rows, "coloured") == 0
 
 
-@pytest.mark.parametrize(("seed", "rows"), [(13, 45_000), (19, 90_000)])
+@pytest.mark.parametrize(
+    ("seed", "rows"),
+    [(14, 12_000), pytest.param(13, 45_000, marks=FURTHER), pytest.param(19, 90_000, marks=FURTHER)],
+)
 def test_an_offset_that_wanders_within_blocks_is_no_law(seed: int, rows: int) -> None:
     """All cells of a block hold what wandered within it: taken as a chain they did not, and filtered temperatures
     explained it."""

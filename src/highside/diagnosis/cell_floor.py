@@ -19,7 +19,7 @@ from highside.diagnosis.law_cells import CellMeans
 from highside.diagnosis.laws.policy import LAW_FLOOR
 
 
-def floor_of_cells(
+def floor_of_cell_means(
     residual: Array, cells: CellMeans, least: Array, slopes: Sequence[Array] = ()
 ) -> tuple[Array, Array]:
     """(C, m) standard deviation of the means over cells of a residual's rows (C, n), and of each channel (C,) how noise

@@ -89,7 +89,8 @@ def above_rounding(outcome: Outcome, model: ForwardModel, error: Array) -> Outco
     mean, _ = found.whitened().posterior(terms)
     columns = np.concatenate([found.problem.free, raw_columns(found.problem, terms)])
     left = found.residual - np.tensordot(mean, columns, 1)
-    scale = found.problem.floor * found.noise.factor[:, None]
+    # a law of one function of the reading explains the other as well, so the error counts as noise in full
+    scale = np.hypot(found.problem.floor * found.noise.factor[:, None], error)
     small = set()
     for k, one in effects_of(found).items():
         gained = ((left + one) ** 2 - left**2) / scale**2

@@ -11,14 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highside.arrays import Array
-from highside.diagnosis.cell_floor import floor_of_cells
 from highside.diagnosis.core.candidates import shapes_tried, step_times
 from highside.diagnosis.core.fit import base_fit
-from highside.diagnosis.core.floor import lattice_step, rounding_errors
+from highside.diagnosis.core.floor import lattice_step, rounding_errors, rounding_variance
 from highside.diagnosis.core.observed import ObservationModel, Observed
 from highside.diagnosis.core.set_angle_errors import turned_by_set_angles
-from highside.diagnosis.law_cells import CellMeans, cells_of, sectors_of
-from highside.diagnosis.laws.cell_noise import CellNoise
 from highside.diagnosis.laws.chain import OF_POSES, OF_ROTATION, AllRows, chain_problem, covariate_values, unit_law
 from highside.diagnosis.laws.groups import HISTORY
 from highside.diagnosis.laws.noise_filters import step_of
@@ -32,6 +29,8 @@ from highside.physics.places import PLACES
 from highside.physics.state import ChainState
 
 if TYPE_CHECKING:
+    from highside.diagnosis.law_cells import CellMeans
+    from highside.diagnosis.laws.cell_noise import CellNoise
     from highside.diagnosis.magnitude.observed import Magnitudes
     from highside.diagnosis.magnitude.session import MagnitudeSession
     from highside.diagnosis.rows.session import RotationSession
@@ -66,7 +65,7 @@ class ChainSession:
     measured: bool = True
     """whether the floor was measured"""
     forgets: Array | None = None
-    """(C,) of each channel how the noise of rows is forgotten, as in `floor_of_cells`"""
+    """(C,) of each channel how the noise of rows is forgotten, as in `floor_of_cell_means`"""
     looked_at: LibraryColumns = field(default_factory=list, compare=False, repr=False)
 
     @classmethod
@@ -82,13 +81,18 @@ class ChainSession:
     @classmethod
     def of_rotation(cls, session: RotationSession, free: Sequence[str], residual: Array) -> ChainSession:
         """Cells of the rows; their floor is the scatter within. `residual` (C, n) is what the base fit leaves."""
+        from highside.diagnosis.cell_floor import floor_of_cell_means
+        from highside.diagnosis.law_cells import cells_of, sectors_of
         from highside.diagnosis.rotation.lines import found_orders
 
         orders = found_orders(session, residual)
         cells = cells_of(session, sectors_of(session, orders))
         least = LAW_FLOOR.least * np.sqrt(np.mean(session.readings**2, axis=1))
+        # what rounding does at a toolface it does at every passage, so that differences of passages do not show it
+        rounded = [np.sqrt(rounding_variance(lattice_step(row))) for row in session.readings]
+        least = np.maximum(least, rounded)
         slopes = cells.from_middle(session.state.tf_rad), session.state.t_s - session.state.t_s[0]
-        floor, forgets = floor_of_cells(residual, cells, least, slopes)
+        floor, forgets = floor_of_cell_means(residual, cells, least, slopes)
         # a function of the reading, and no law: as large in a mean as it is in all of its rows
         error = cells.mean(_rounding_of(session.readings, residual, session.state))
         floor = np.sqrt(floor**2 + error**2 / 3.0)
@@ -178,6 +182,8 @@ class ChainSession:
         """The noise of means; None where each value is one row or one pose."""
         if self.cells is None or self.forgets is None or not np.any(self.cells.count > 1):
             return None
+        from highside.diagnosis.laws.cell_noise import CellNoise
+
         return CellNoise(self.cells, self.state.t_s, self.floor, self.forgets)
 
     def derivatives(self, model: ForwardModel, wanted: Sequence[tuple[Effect, Array]]) -> list[Array]:

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from highside.arrays import Array
-from highside.diagnosis.laws.cell_noise import CellNoise
 from highside.diagnosis.laws.problem import CovariateValues, LawProblem, PlaceField, fields_that_act
 from highside.physics.covariates import COVARIATES, covariate
 from highside.physics.effect import AXES
@@ -20,6 +19,9 @@ from highside.physics.law import Axis, Law, LawEffect
 from highside.physics.law_functions import Function
 from highside.physics.places import PLACES
 from highside.physics.state import ChainState
+
+if TYPE_CHECKING:
+    from highside.diagnosis.laws.cell_noise import CellNoise
 
 OF_POSES = ("offset", "scale", "scale_all", "matrix", "inclination", "toolface", "level")
 LOADS = ("load", "previous_load")

@@ -419,3 +419,21 @@ def _explains(by: Array, what: Array) -> float:
     basis = np.stack([np.cos(k * u) for k in range(min(LAW_GROUPS.cosines, by.size // 4) + 1)])
     left = what - np.linalg.lstsq(basis.T, what, rcond=None)[0] @ basis
     return 1.0 - float(left.var() / what.var())
+
+
+def within_another(group: LawGroup, other: LawGroup) -> bool:
+    """Whether a group is a dent of the place and the channels of another dent, no further from its centre than the
+    wider of the two is wide."""
+    own, its = dent_of(group), dent_of(other)
+    if own is None or its is None or group.kind != other.kind:
+        return False
+    apart = (own[0] - its[0] + 180.0) % 360.0 - 180.0
+    return abs(apart) <= max(own[1], its[1])
+
+
+def dent_of(group: LawGroup) -> tuple[float, float] | None:
+    """Centre and width in degrees of a group that is one dent."""
+    if len(group.axes) != 1 or len(group.axes[0].functions) != 1:
+        return None
+    kind, numbers = group.axes[0].functions[0].kind, group.axes[0].functions[0].numbers
+    return (numbers[0], numbers[1]) if kind == "dent" else None

@@ -9,18 +9,21 @@ a cost that grows with their number.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from highside.arrays import Array
-from highside.diagnosis.core.grouped_noise import GroupedNoise
 from highside.diagnosis.core.markov import LevelNoise
 from highside.diagnosis.laws.ladder import LadderNoise
 from highside.diagnosis.laws.noise_filters import filter_of
 from highside.diagnosis.laws.noise_policy import LAW_NOISE
 from highside.diagnosis.laws.policy import LAW_EVIDENCE
 from highside.diagnosis.laws.problem import LawProblem
+
+if TYPE_CHECKING:
+    from highside.diagnosis.core.grouped_noise import GroupedNoise
 
 Flags = NDArray[np.bool_]
 

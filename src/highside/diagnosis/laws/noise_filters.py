@@ -9,18 +9,20 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from highside.arrays import Array
-from highside.diagnosis.core.grouped_noise import GroupedNoise
 from highside.diagnosis.core.markov import LevelNoise
-from highside.diagnosis.laws.cell_noise import CellNoise
 from highside.diagnosis.laws.ladder import LadderNoise, transposed_by_ladders, white_by_ladders
 from highside.diagnosis.laws.noise_policy import LAW_NOISE
 from highside.diagnosis.laws.problem import LawProblem
+
+if TYPE_CHECKING:
+    from highside.diagnosis.core.grouped_noise import GroupedNoise
+    from highside.diagnosis.laws.cell_noise import CellNoise
 
 Numbers = NDArray[np.intp]
 Filter = Callable[[Array], Array]

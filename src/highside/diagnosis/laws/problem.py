@@ -9,18 +9,20 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from highside.arrays import Array
 from highside.diagnosis.core.regression import flattened
-from highside.diagnosis.laws.cell_noise import CellNoise
 from highside.diagnosis.laws.policy import LAW_GROUPS
 from highside.physics.covariates import lag_of
 from highside.physics.law import Axis
 from highside.physics.memory import low_pass
+
+if TYPE_CHECKING:
+    from highside.diagnosis.laws.cell_noise import CellNoise
 
 
 @dataclass(frozen=True)

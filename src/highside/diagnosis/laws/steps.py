@@ -11,7 +11,7 @@ from highside.diagnosis.laws.between import best_between, between_of, refined
 from highside.diagnosis.laws.effects import EffectGroup
 from highside.diagnosis.laws.evidence import LawTerm, Whitened, raw_columns
 from highside.diagnosis.laws.families import Families
-from highside.diagnosis.laws.groups import LawGroup, groups_of
+from highside.diagnosis.laws.groups import LawGroup, dent_of, groups_of, within_another
 from highside.diagnosis.laws.learning import NoiseLearner
 from highside.diagnosis.laws.noise import LawNoise, Whitener
 from highside.diagnosis.laws.policy import LAW_SEARCH
@@ -202,9 +202,15 @@ class Steps:
 
     def _each_name_once(self, gains: Array, terms: list[LawTerm]) -> Array:
         """The gains without those of further shapes of an effect that is among the terms: a model has an effect once.
-        A second step or decay beside it is a law of time."""
+        A second step or decay beside it is a law of time. Nor is a dent within a dent a second law: in few poses the
+        narrow one is what a single pose says."""
         names = {t.group.effect for t in terms if t.group.effect}
-        return np.where([g.effect in names for g in self.groups], -np.inf, gains) if names else gains
+        if names:
+            gains = np.where([g.effect in names for g in self.groups], -np.inf, gains)
+        dents = [t.group for t in terms if dent_of(t.group)]
+        if dents:
+            gains = np.where([any(within_another(g, one) for one in dents) for g in self.groups], -np.inf, gains)
+        return gains
 
     def _simplest(self, gains: Array) -> int:
         """The group of the highest gain; one of fewer covariates of it, in its place, that comes near."""
