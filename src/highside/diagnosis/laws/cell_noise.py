@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from functools import cache
 from itertools import pairwise
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,19 +18,28 @@ from numpy.typing import NDArray
 from highside.arrays import Array
 from highside.diagnosis.core.filters import through_bands
 from highside.diagnosis.core.grouped_noise import GroupedNoise, LevelInGroup
-from highside.diagnosis.law_cells import CellMeans
 from highside.diagnosis.laws.noise_policy import LAW_NOISE
 
 Levels = tuple[LevelInGroup, ...]
+
+
+class Cells(Protocol):
+    """Cells of rows (n,), in time order."""
+
+    @property
+    def number(self) -> NDArray[np.intp]:
+        """(n,) of each row's cell; -1 for a row of none."""
+
+    @property
+    def count(self) -> Array:
+        """(m,) rows of each cell."""
 
 
 class CellNoise:
     """Noise of the means (C, m) over cells of rows (n,), of a floor whose mean variance is 1 in each channel; filters
     are made when first asked for, and the last ones stay."""
 
-    def __init__(
-        self, cells: CellMeans, t_s: Array, floor: Array, forgets: Array, group: int = LAW_NOISE.group
-    ) -> None:
+    def __init__(self, cells: Cells, t_s: Array, floor: Array, forgets: Array, group: int = LAW_NOISE.group) -> None:
         """`floor` (C, m) the standard deviation of each mean, `forgets` (C,) of each channel how the noise of rows is
         forgotten: rows k apart are correlated by exp(-k times this); `group` cells, at least, are taken together."""
         borders = borders_of_groups(cells, group)
@@ -52,7 +62,7 @@ class CellNoise:
         return made
 
 
-def borders_of_groups(cells: CellMeans, group: int) -> tuple[int, ...]:
+def borders_of_groups(cells: Cells, group: int) -> tuple[int, ...]:
     """Where groups of so many cells at least begin, and the number of cells: no row of a group lies before one of a
     group before it."""
     rows, n = np.flatnonzero(cells.number >= 0), cells.number.size
@@ -66,7 +76,7 @@ def borders_of_groups(cells: CellMeans, group: int) -> tuple[int, ...]:
     return (*borders, cells.count.size)
 
 
-def levels_in_groups(cells: CellMeans, at: Array, borders: Sequence[int]) -> Levels:
+def levels_in_groups(cells: Cells, at: Array, borders: Sequence[int]) -> Levels:
     """What a level of unit variance that is correlated by exp(-distance) of places `at` (n,) of the rows does to the
     means of each group of cells."""
     made = []
@@ -87,7 +97,7 @@ def levels_in_groups(cells: CellMeans, at: Array, borders: Sequence[int]) -> Lev
     return tuple(made)
 
 
-def _groups(cells: CellMeans, borders: Sequence[int]) -> Iterator[tuple[NDArray[np.intp], Array]]:
+def _groups(cells: Cells, borders: Sequence[int]) -> Iterator[tuple[NDArray[np.intp], Array]]:
     """Of each group its rows (N,), and what takes them to the means of its cells (g, N)."""
     rows = np.flatnonzero(cells.number >= 0)
     number = cells.number[rows]
@@ -98,7 +108,7 @@ def _groups(cells: CellMeans, borders: Sequence[int]) -> Iterator[tuple[NDArray[
         yield rows[own], kind
 
 
-def _floor(cells: CellMeans, borders: Sequence[int], sigma: Array, forgets: float) -> Iterator[Array]:
+def _floor(cells: Cells, borders: Sequence[int], sigma: Array, forgets: float) -> Iterator[Array]:
     """(g, g) covariance of the floor of each group of means, of standard deviations (m,)."""
     if not np.isfinite(forgets):
         yield from (np.diag(sigma[low:high] ** 2) for low, high in pairwise(borders))
