@@ -62,11 +62,11 @@ def told(seed: int, laws: object) -> set[tuple[str, tuple[str, ...]]]:
 
 
 # of 40 poses each, drawn as here, the search among products and curves alone told none of the six rightly
-@pytest.mark.parametrize("seed", [pytest.param(41, marks=FURTHER), 45, 49])
+@pytest.mark.parametrize("seed", [pytest.param(41, marks=FURTHER), 45, pytest.param(49, marks=FURTHER)])
 def test_two_laws_of_one_place(seed: int) -> None:
     assert told(seed, inclination_over_two) == {("inclination", ("inc",)), ("inclination", ("temp",))}
 
 
-@pytest.mark.parametrize("seed", [pytest.param(43, marks=FURTHER), 47, 51])
+@pytest.mark.parametrize("seed", [pytest.param(43, marks=FURTHER), 47, pytest.param(51, marks=FURTHER)])
 def test_two_laws_of_one_axis(seed: int) -> None:
     assert told(seed, offset_and_scale) == {("offset", ("load_x",)), ("scale", ("inc",))}
