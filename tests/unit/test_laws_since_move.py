@@ -11,6 +11,7 @@ from highside.diagnosis.poses.session import pose_session, rows_of_poses
 from highside.physics.forward import ForwardModel
 from studies.open_world.score import every_case
 
+FURTHER = pytest.mark.further
 MODEL = {"sensor": {"free": ["bias", "scale", "misalignment"]}}
 POSES, ROWS, STEP_S, ROW_G = 40, 12, 0.5, 1e-4
 TAU_S = 1.6
@@ -129,7 +130,7 @@ def test_what_a_temperature_does_that_runs_on_while_poses_are_held_is_no_law_of_
     assert not any(finding.check == "within_pose" for finding in made.intake)
 
 
-@pytest.mark.parametrize("lost", [pytest.param(False, marks=pytest.mark.further), True])
+@pytest.mark.parametrize("lost", [pytest.param(False, marks=FURTHER), True])
 def test_a_course_of_few_rows_is_not_taken_for_their_noise(lost: bool) -> None:
     """Seven rows 5 s apart: from one to the next the course changes as much as over the pose. Where rows are lost, a
     pose that lost its first says not when it began."""

@@ -53,6 +53,7 @@ def test_a_name_far_behind_a_law_does_not_stay_because_the_law_is_worth_no_claim
     assert [claim["effect"] for claim in row["answer"]["claims"]] == ["law:offset_x_time_since_move"]
 
 
+@FURTHER
 def test_a_name_that_gains_nothing_beside_the_noise_of_the_bench_is_none(tmp_path: Path) -> None:
     # a bench that shakes to all sides alike; `wobble` gained 0.4 nats
     cases = every_case("6e7a83282220bb7c572626125f35237d45e292c7", ("null",))
@@ -94,6 +95,7 @@ def test_what_follows_the_settings_is_not_noise_with_a_memory_far_above_the_floo
     assert any("more than they repeat" in hint for hint in found.remainder.hints)
 
 
+@FURTHER
 def test_beside_a_law_that_explains_little_errors_of_the_set_angles_are_judged_as_without_it(tmp_path: Path) -> None:
     # 29 poses, a toolface error of 0.2 deg that follows the toolface: taken for errors of the set angles, which are
     # judged where no law is found, and one of 0.007 deg was
@@ -203,6 +205,7 @@ def test_five_effects_are_named_of_which_surfaces_held_parts(tmp_path: Path) -> 
     assert {claim["effect"] for claim in row["answer"]["claims"]} == set(row["truth"]["effects"])
 
 
+@FURTHER
 def test_a_jump_in_the_rows_of_one_pose_hides_no_law(tmp_path: Path) -> None:
     # 12 poses: its rows made the noise of the axis 2.1 mg, and a scale factor that did as much was nothing
     row = answer(HELD, "law/214", tmp_path)
@@ -211,6 +214,7 @@ def test_a_jump_in_the_rows_of_one_pose_hides_no_law(tmp_path: Path) -> None:
     ]
 
 
+@FURTHER
 def test_rows_of_heavy_tails_are_no_law_of_the_time_since_a_move(tmp_path: Path) -> None:
     # it predicted none of the poses that were held out
     assert answer(HELD, "null/104", tmp_path)["answer"]["verdict"] == "nothing_left_out"
