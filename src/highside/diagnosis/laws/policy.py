@@ -296,7 +296,7 @@ class LawFloorPolicy:
     """Correlation of neighbouring rows from which they are not independent. Source: chosen; the mean of many rows is
     then a tenth less certain."""
     turns: int = 4
-    """Times that the size and the correlation of rows are estimated, each beside the other. Source: tried."""
+    """Times that the size and the correlation of rows are estimated, each beside the other. Source: chosen, not measured."""
 
 
 LAW_FLOOR = LawFloorPolicy()
@@ -378,9 +378,9 @@ class LawVerdictPolicy:
     beside_random_walk: float = 20.0
     """Nats that an offset that follows time or temperature must gain in a rotation where a random walk of the zero
     offset was found. Source: a bump over temperature of 2.5 sigma in four minutes gains 36.9 (tests.bench.
-    diagnosis_speed), and none of 24 random walks of 12,000 to 90,000 rows had a law of 12; it was 40 while the noise of
+    diagnosis_speed), and none of 21 random walks of 12,000 to 90,000 rows had a law of 12; it was 40 while the noise of
     means was taken for a chain. Poses need no more than other laws: none of 171 nulls of walking, 1/f and coloured
-    noise of three decks had a law, and of laws in 14 poses, of whatever size, none can gain as much."""
+    noise of three decks had a law, and of laws in 14 poses, of whatever size, none can gain 40."""
     least_explained: float = 0.01
     """Share of a misfit larger than the noise below which laws are no answer, nor names where it is taken for errors of
     the set angles. Source: an offset that swings ever faster was told as a law that explained less than 0.001."""
