@@ -296,7 +296,7 @@ class LawFloorPolicy:
     """Correlation of neighbouring rows from which they are not independent. Source: chosen; the mean of many rows is
     then a tenth less certain."""
     turns: int = 4
-    """Times that the size and the correlation of rows are estimated, each beside the other. Source: chosen, not measured."""
+    """Times that the size and the correlation of rows are estimated, each beside the other. Source: chosen."""
 
 
 LAW_FLOOR = LawFloorPolicy()
