@@ -8,6 +8,7 @@ cell has their covariance, so the cells that lie among one another are taken tog
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from functools import cache
 from itertools import pairwise
 from typing import Protocol
@@ -79,33 +80,73 @@ def borders_of_groups(cells: Cells, group: int) -> tuple[int, ...]:
 def levels_in_groups(cells: Cells, at: Array, borders: Sequence[int]) -> Levels:
     """What a level of unit variance that is correlated by exp(-distance) of places `at` (n,) of the rows does to the
     means of each group of cells."""
-    made = []
     parts = list(_groups(cells, borders))
-    begins = [at[rows[0]] for rows, _ in parts]
-    ends = [*begins[1:], at[parts[-1][0][-1]]]
-    for (rows, kind), begin, end in zip(parts, begins, ends, strict=True):
-        places = at[rows]
-        alike = np.append(np.exp(-np.diff(places)), 0.0)
-        # what each row shares with the rows of each cell before it follows from what the row before it shares
-        drive = np.zeros(kind.shape)
-        drive[:, 1:] = kind[:, :-1] * alike[:-1]
-        before = through_bands(np.asfortranarray(np.stack([np.ones(rows.size), -alike])), drive) @ kind.T
-        whole = before + before.T + kind @ kind.T
-        made.append(
-            LevelInGroup(whole, kind @ np.exp(begin - places), kind @ np.exp(places - end), float(np.exp(begin - end)))
+    begins = [at[part.rows[0]] for part in parts]
+    ends = [*begins[1:], at[parts[-1].rows[-1]]]
+    return tuple(part.level(at[part.rows], begin, end) for part, begin, end in zip(parts, begins, ends, strict=True))
+
+
+@dataclass(frozen=True)
+class _Group:
+    """The rows (N,) of a group of cells, in time order, with the number of each one's cell in the group and its weight
+    in the mean over that."""
+
+    rows: NDArray[np.intp]
+    cell: NDArray[np.intp]
+    weight: Array
+    count: int
+    """cells"""
+
+    def level(self, places: Array, begin: float, end: float) -> LevelInGroup:
+        """What the level does, which is correlated by exp(-distance) of places (N,), from `begin` to `end`."""
+        from_begin = self._means(self.cell, np.exp(begin - places), self.count)
+        to_end = self._means(self.cell, np.exp(places - end), self.count)
+        return LevelInGroup(self._covariance(places), from_begin, to_end, float(np.exp(begin - end)))
+
+    def _covariance(self, places: Array) -> Array:
+        """(g, g) of the means: rows of one part, of few rows, pair by pair; what a row shares with one of a part before
+        its own is a product of what each shares with the border between."""
+        size = LAW_NOISE.part
+        part, g = np.arange(places.size) // size, self.count
+        border = places[::size]
+        following = np.append(border[1:], places[-1])
+        since = self._means(part * g + self.cell, np.exp(border[part] - places), border.size * g).reshape(-1, g)
+        until = self._means(part * g + self.cell, np.exp(places - following[part]), border.size * g).reshape(-1, g)
+        # what each cell's rows before a part have in common with its beginning
+        bands = np.asfortranarray(np.stack([np.ones(border.size), -np.append(np.exp(-np.diff(border)), 0.0)]))
+        known = np.zeros((g, border.size))
+        known[:, 1:] = until[:-1].T
+        before = through_bands(bands, known) @ since
+        return before + before.T + self._within(places)
+
+    def _within(self, places: Array) -> Array:
+        """(g, g) what pairs of rows of one part add to the covariance."""
+        size, g = LAW_NOISE.part, self.count
+        room = (-(-places.size // size), size)
+        at, weight, cell = (
+            np.resize(np.append(one, np.zeros(size, one.dtype)), room) for one in (places, self.weight, self.cell)
         )
-    return tuple(made)
+        weight.reshape(-1)[places.size :] = 0.0
+        alike = np.exp(-np.abs(at[:, :, None] - at[:, None])) * weight[:, :, None] * weight[:, None]
+        pairs = cell[:, :, None] * g + cell[:, None]
+        summed = np.bincount(pairs.reshape(-1), weights=alike.reshape(-1), minlength=g * g)
+        return np.asarray(summed, dtype=float).reshape(g, g)
+
+    def _means(self, number: NDArray[np.intp], values: Array, count: int) -> Array:
+        """(count,) sums of weighted values (N,) by their number."""
+        return np.asarray(np.bincount(number, weights=self.weight * values, minlength=count), dtype=float)
 
 
-def _groups(cells: Cells, borders: Sequence[int]) -> Iterator[tuple[NDArray[np.intp], Array]]:
-    """Of each group its rows (N,), and what takes them to the means of its cells (g, N)."""
+def _groups(cells: Cells, borders: Sequence[int]) -> Iterator[_Group]:
+    """The rows of each group of cells."""
     rows = np.flatnonzero(cells.number >= 0)
     number = cells.number[rows]
-    for low, high in pairwise(borders):
-        own = np.flatnonzero((number >= low) & (number < high))
-        kind = np.zeros((high - low, own.size))
-        kind[number[own] - low, np.arange(own.size)] = 1.0 / cells.count[number[own]]
-        yield rows[own], kind
+    # a group's rows all lie before those of the next
+    group = np.searchsorted(borders, number, side="right") - 1
+    limits = np.searchsorted(group, np.arange(len(borders)))
+    for (low, high), start, stop in zip(pairwise(borders), limits[:-1], limits[1:], strict=True):
+        own = number[start:stop]
+        yield _Group(rows[start:stop], own - low, 1.0 / cells.count[own], high - low)
 
 
 def _floor(cells: Cells, borders: Sequence[int], sigma: Array, forgets: float) -> Iterator[Array]:
