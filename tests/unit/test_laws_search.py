@@ -226,6 +226,7 @@ def test_groups_that_are_not_kept_whitened_score_the_same(kind: str, monkeypatch
     found = []
     for room in (10**9, 0):
         monkeypatch.setitem(LAW_EVIDENCE.__dict__, "kept", room)
+        monkeypatch.setitem(LAW_EVIDENCE.__dict__, "raw", room)
         white = Whitened(Families(posed, groups_of(posed)), Whitener(posed, noise), posed.residual)
         gains, priors = white.scores([], within=np.inf)
         best = int(np.argmax(gains))

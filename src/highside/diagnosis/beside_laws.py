@@ -45,7 +45,7 @@ from highside.diagnosis.laws.free_rivals import (
     with_free_rivals,
     worth_of,
 )
-from highside.diagnosis.laws.groups import LawGroup, groups_of
+from highside.diagnosis.laws.groups import groups_of
 from highside.diagnosis.laws.policy import LAW_VERDICT
 from highside.diagnosis.laws.problem import LawProblem
 from highside.diagnosis.laws.search import Search
@@ -260,7 +260,7 @@ def _chosen(
         moved += np.tensordot(sizes - sizes_in(session, model, effect), table, 1)
     problem = session.problem(model, session.residual(named) + moved)
     own = [EffectGroup.of(name, table, session.floor) for name, (table, _) in columns.items()]
-    single, is_clear_of_laws = _single(problem, claims, beside, [*first.groups, *own], own)
+    single, is_clear_of_laws = _single(problem, claims, beside, first, own)
     if single is not None and is_clear_of_laws:
         return single
     search = Search(problem, [*groups_of(problem), *own])
@@ -299,13 +299,13 @@ def _chosen(
 
 
 def _single(
-    problem: LawProblem, claims: Sequence[Claim], beside: Found, groups: list[LawGroup], own: Sequence[EffectGroup]
+    problem: LawProblem, claims: Sequence[Claim], beside: Found, first: Search, own: Sequence[EffectGroup]
 ) -> tuple[Outcome | None, bool]:
     """One name, `beside` which no law gains, with its class; and whether it is clear of every law in its place. So
     several, where they explain so much that laws which they stand for would leave what gains."""
     if beside.terms or beside.next_gain >= LAW_VERDICT.beside:
         return None, False
-    found = as_rivals(problem, beside, groups, own)
+    found = as_rivals(problem, beside, first.families, own)
     if len(claims) > 1 and (problem.every_pair or worth_of(found) < LAW_VERDICT.no_stand_in):
         return None, False
     told, ahead = with_free_rivals(claims, found)

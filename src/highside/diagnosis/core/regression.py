@@ -32,8 +32,8 @@ def span(columns: Array, tolerance: float = REGRESSION.independent) -> Array:
     good = values > tolerance**2 * values[-1] + 1e-12
     basis = (vectors[:, good] / np.sqrt(values[good])).T @ kept
     # once more against rounding: the Gram matrix has the square of the condition number
-    q, _ = np.linalg.qr(basis.T)
-    return np.asarray(q.T)
+    lower = np.linalg.cholesky(basis @ basis.T)
+    return np.asarray(np.linalg.inv(lower) @ basis)
 
 
 def projected(rows: Array, target: Array, tolerance: float | None = None) -> Array:
@@ -64,27 +64,30 @@ class ScoreTest:
     """
 
     def __init__(self, blocks: Sequence[Array]) -> None:
-        self._groups: list[tuple[NDArray[np.intp], Array]] = []
+        self._groups: list[tuple[NDArray[np.intp], Array, Array]] = []
+        """of each number of columns the variants, their columns (V, k, N) and inner products (V, k, k) of these"""
         self.count = len(blocks)
         sizes = np.array([len(block) for block in blocks], dtype=int)
         for size in np.unique(sizes):
             group = np.flatnonzero(sizes == size)
             stacked = np.stack([blocks[int(i)] for i in group])
             norm = np.linalg.norm(stacked, axis=2, keepdims=True)
-            self._groups.append((group, stacked / np.where(norm > 0, norm, 1.0)))
+            stacked /= np.where(norm > 0, norm, 1.0)
+            self._groups.append((group, stacked, stacked @ stacked.transpose(0, 2, 1)))
 
     def run(self, space: Array, residuals: Array) -> tuple[Array, NDArray[np.intp]]:
         """Gains (variants, B) of chi-square for residuals (B, N) outside of `space`; directions used (variants,)."""
         left = outside(space, residuals)
         gains = np.zeros((self.count, left.shape[0]))
         dof = np.zeros(self.count, dtype=np.intp)
-        for group, stacked in self._groups:
-            bare = outside(space, stacked)
-            gram = bare @ bare.transpose(0, 2, 1)
-            values, vectors = np.linalg.eigh(gram)
+        for group, stacked, whole in self._groups:
+            # all variants in one product of matrices: a processor is slow at many small ones
+            flat, (count, size) = stacked.reshape(-1, left.shape[1]), whole.shape[:2]
+            within = (flat @ space.T).reshape(count, size, -1)
+            values, vectors = np.linalg.eigh(whole - within @ within.transpose(0, 2, 1))
             good = values > REGRESSION.visible**2
             inverse = np.where(good, 1.0 / np.sqrt(np.where(good, values, 1.0)), 0.0)
-            projected = inverse[:, :, None] * (vectors.transpose(0, 2, 1) @ (bare @ left.T))
+            projected = inverse[:, :, None] * (vectors.transpose(0, 2, 1) @ (flat @ left.T).reshape(count, size, -1))
             gains[group] = np.sum(projected**2, axis=1)
             dof[group] = good.sum(axis=1)
         return gains, dof

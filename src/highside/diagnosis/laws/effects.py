@@ -63,6 +63,12 @@ class EffectGroup(LawGroup):
         scaled = columns[shown] / size[shown]
         return cls((), (), np.zeros(len(scaled)), np.empty(0), tries, effect, scaled, size[:, 0, 0], floor)
 
+    def without(self, column: int) -> EffectGroup:
+        """The same without one of its columns, whose amplitude is none."""
+        unit = self.unit.copy()
+        unit[np.flatnonzero(unit)[column]] = 0.0
+        return replace(self, order=self.order[1:], table=np.delete(self.table, column, axis=0), unit=unit)
+
     def shaped(
         self, values: Mapping[str, float], near: Mapping[str, tuple[float, float]], epochs: frozenset[str], of: Columns
     ) -> EffectGroup:

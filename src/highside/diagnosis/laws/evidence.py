@@ -42,7 +42,7 @@ class Whitened:
     def __init__(self, families: Families, whitener: Whitener, residual: Array) -> None:
         self.families, self.whitener = families, whitener
         self.residual, self._raw = whitener.white(residual[None])[0], residual
-        self._scored: dict[tuple[object, ...], tuple[Array, list[Prior]]] = {}
+        self._scored = families.scores_under(whitener, residual)
 
     def of_groups(self, groups: list[LawGroup]) -> Whitened:
         """The same residual and noise beside other groups."""
@@ -114,15 +114,20 @@ class Whitened:
         return float(left @ left) < LAW_CLASS.reproduced
 
     def scores(
-        self, terms: list[LawTerm], *, least: float = 0.0, within: float = LAW_CLASS.same_confounded
+        self,
+        terms: list[LawTerm],
+        *,
+        least: float = 0.0,
+        within: float = LAW_CLASS.same_confounded,
+        down_to: float = -np.inf,
     ) -> tuple[Array, list[Prior]]:
         """(G,) nats that each group gains beside the terms, at its best prior, and these priors.
 
-        -inf: more than `within` behind the best, or behind `least` where none comes up to that.
+        -inf: more than `within` behind the best, less than `down_to`, or behind `least` where none comes up to that.
         """
-        key = (least, within, *((term.group, term.prior) for term in terms))
+        key = (least, within, down_to, *((term.group, term.prior) for term in terms))
         if key not in self._scored:
-            self._scored[key] = self._gains(terms, least, within)
+            self._scored[key] = self._gains(terms, least, within, down_to)
         return self._scored[key]
 
     def bounds(self, terms: list[LawTerm]) -> Array:
@@ -151,7 +156,7 @@ class Whitened:
             bound[[i in self.families.barred for i in part.family.members]] = -np.inf
         return made
 
-    def _gains(self, terms: list[LawTerm], least: float, within: float) -> tuple[Array, list[Prior]]:
+    def _gains(self, terms: list[LawTerm], least: float, within: float, down_to: float) -> tuple[Array, list[Prior]]:
         gains = np.full(len(self.families.groups), -np.inf)
         priors = [Prior(1.0, 1.0)] * gains.size
         made = self._beside(terms)
@@ -166,14 +171,14 @@ class Whitened:
             best = float(gains.max(initial=0.0))
             if (stage == 1 and best >= least) or (stage == 2 and best < least):
                 continue
-            worth = (high, least, best - within)[stage]
+            worth = max((high, least, best - within)[stage], down_to)
             for k in likely:
                 part, (gram, drive), bound = parts[k], left[k], bounds[k]
                 picked = np.flatnonzero((bound >= worth) & ~looked[k] & np.isfinite(bound))
                 if not picked.size:
                     continue
                 # of the first, what stays behind those before it is not looked at again
-                near = (float(gains.max()) - within if stage == 0 else worth) + part.family.tries[picked]
+                near = (max(float(gains.max()) - within, down_to) if stage == 0 else worth) + part.family.tries[picked]
                 gain, size, length = best_priors(gram[picked], drive[picked], part.family.orders[picked], near)
                 looked[k][picked] = np.isfinite(gain) | (stage == 0)
                 for own, j in enumerate(picked):

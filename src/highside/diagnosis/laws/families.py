@@ -18,10 +18,12 @@ from highside.diagnosis.laws.groups import LawGroup
 from highside.diagnosis.laws.noise import Whitener
 from highside.diagnosis.laws.on_channels import OnChannels
 from highside.diagnosis.laws.policy import LAW_EVIDENCE
+from highside.diagnosis.laws.priors import Prior
 from highside.diagnosis.laws.problem import LawProblem
 
-FREE = "free"
 _T = TypeVar("_T")
+Scores = dict[Hashable, tuple[Array, list[Prior]]]
+"""gains (G,) and the priors of them"""
 
 
 class Families:
@@ -32,6 +34,9 @@ class Families:
         alike: dict[tuple[int, tuple[int, ...]], list[int]] = defaultdict(list)
         for i in range(0 if first is None else first._count, len(groups)):
             alike[groups[i].size, groups[i].channels].append(i)
+        # of few values the columns themselves are kept, which many noises and residuals ask for
+        numbers = sum(size * len(channels) * len(members) for (size, channels), members in alike.items())
+        keep = numbers * problem.n <= LAW_EVIDENCE.raw
         self.families = [
             Family(
                 members,
@@ -39,6 +44,7 @@ class Families:
                 np.stack([groups[i].orders for i in members]),
                 [groups[i] for i in members],
                 np.log([float(groups[i].tries) for i in members]),
+                keep,
             )
             for (_, channels), members in alike.items()
         ]
@@ -47,10 +53,12 @@ class Families:
         self._kept: list[WhiteFamilies] = []
         """under the last noises"""
         self._on_channels = OnChannels(self.families)
+        self._scores: list[tuple[Whitener, Array, Scores]] = []
 
     def without(self, barred: Callable[[LawGroup], bool]) -> Families:
         """The same without some groups; what is whitened is shared."""
         made = copy(self)
+        made._scores = []
         made.barred = self.barred | {i for i, group in enumerate(self.groups) if barred(group)}
         return made
 
@@ -59,6 +67,22 @@ class Families:
         made = Families(self.problem, groups, self)
         made.barred = barred
         return made
+
+    def beside(self, problem: LawProblem) -> Families:
+        """The same beside what another problem of the same values leaves free: what the columns of the groups have in
+        common on each channel is shared."""
+        made = copy(self)
+        made.problem, made._kept, made._scores = problem, [], []
+        made.first = None if self.first is None else self.first.beside(problem)
+        return made
+
+    def scores_under(self, whitener: Whitener, residual: Array) -> Scores:
+        """What was scored of a residual (C, n) under a noise, by what was asked for; of the last few."""
+        for noise, of, known in self._scores:
+            if of is residual and noise.like(whitener):
+                return known
+        self._scores = [*self._scores[1 - LAW_EVIDENCE.scores :], (whitener, residual, {})]
+        return self._scores[-1][2]
 
     @cached_property
     def size(self) -> int:
@@ -134,12 +158,12 @@ class WhiteFamilies:
         raw = np.zeros((at_once * size, len(channels), n))
         room = np.empty_like(raw) if whole is None else whole
         acting = list(family.channels) if mixes else list(range(len(channels)))
-        for i in range(0, count, at_once):
-            groups = family.groups[i : i + at_once]
-            for k, group in enumerate(groups):
-                raw[k * size : (k + 1) * size, acting] = group.columns()
-            own = raw[: len(groups) * size]
-            out = room[: len(own)] if whole is None else room[i * size : i * size + len(own)]
+        start = 0
+        for block in family.raw_blocks(n):
+            own = raw[: len(block)]
+            own[:, acting] = block
+            out = room[: len(own)] if whole is None else room[start : start + len(own)]
+            start += len(own)
             if mixes:
                 out[:] = self.whitener.white(own)
             else:
@@ -211,10 +235,11 @@ class WhiteFamilies:
     def _of_channels(self, chosen: Sequence[LawGroup], residual: Array) -> list[tuple[Part, Array, Array]]:
         assert self._shared is not None
         rows: dict[Hashable, Array] = {group: raw_columns_of(self.problem, group) for group in chosen}
-        rows |= {FREE: self.problem.free, id(residual): residual[None]}
+        free = id(self.problem.free)
+        rows |= {free: self.problem.free, id(residual): residual[None]}
         grams, made = self._shared.beside(self.whitener, rows)
         across = [
-            np.concatenate(one, axis=2) for one in zip(made[FREE], *(made[group] for group in chosen), strict=True)
+            np.concatenate(one, axis=2) for one in zip(made[free], *(made[group] for group in chosen), strict=True)
         ]
         return list(zip(self._as_parts(grams), across, (one[:, :, 0] for one in made[id(residual)]), strict=True))
 

@@ -15,6 +15,7 @@ from highside.diagnosis.laws.families import Families
 from highside.diagnosis.laws.groups import LawGroup
 from highside.diagnosis.laws.learning import NoiseLearner
 from highside.diagnosis.laws.noise import LawNoise, Whitener
+from highside.diagnosis.laws.policy import LAW_SEARCH, LAW_VERDICT
 from highside.diagnosis.laws.problem import LawProblem
 
 
@@ -37,8 +38,9 @@ class Found:
 
     @cached_property
     def next_gain(self) -> float:
-        """Nats that the best further group would gain, the noise as it is."""
-        gains, _ = self.whitened().scores(list(self.terms), within=0.0)
+        """Nats that the best further group would gain, the noise as it is; -inf where that is less than a law may gain
+        beside a name."""
+        gains, _ = self.whitened().scores(list(self.terms), least=LAW_VERDICT.beside, within=LAW_SEARCH.simpler)
         return float(np.max(gains, initial=-np.inf))
 
     @cached_property

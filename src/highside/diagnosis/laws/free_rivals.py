@@ -19,7 +19,6 @@ from highside.diagnosis.laws.effects import EffectGroup
 from highside.diagnosis.laws.evidence import LawTerm, Whitened
 from highside.diagnosis.laws.families import Families
 from highside.diagnosis.laws.found import Found
-from highside.diagnosis.laws.groups import LawGroup
 from highside.diagnosis.laws.noise import Whitener
 from highside.diagnosis.laws.policy import LAW_SEARCH, LAW_VERDICT
 from highside.diagnosis.laws.problem import LawProblem, independent
@@ -31,10 +30,11 @@ BUILT_IN = f"{all_effects.__module__}."
 """what the modules of the effects that come with this package begin with"""
 
 
-def as_rivals(problem: LawProblem, beside: Found, groups: list[LawGroup], own: Sequence[EffectGroup]) -> Found:
-    """The names `own` as the terms of a search among `groups`, in the noise that was learnt beside them."""
+def as_rivals(problem: LawProblem, beside: Found, among: Families, own: Sequence[EffectGroup]) -> Found:
+    """The names `own` as the terms of a search `among` groups, in the noise that was learnt beside them."""
     problem = replace(problem, free=independent(problem.free, problem.floor))
-    families = Families(problem, groups)
+    families = among.beside(problem)
+    families = families.of([*families.groups, *own])
     white = Whitened(families, Whitener(problem, beside.noise), problem.residual)
     _, priors = white.of_groups(list(own)).scores([], within=np.inf)
     terms = [LawTerm(group, prior) for group, prior in zip(own, priors, strict=True)]
@@ -117,11 +117,33 @@ def leaves_most(found: Found) -> bool:
     return far or may_hide_a_law(found.noise, found.problem.n)
 
 
+def _fewer_gain(white: Whitened, terms: list[LawTerm], which: list[int]) -> float:
+    """Nats that one name gains where some of its amplitudes are none: a law of one channel is held beside a name that
+    has an amplitude for each. They are left out one by one, as long as that gains, and which are is as a choice among
+    all sets of them."""
+    group = terms[which[0]].group
+    if len(which) > 1 or not isinstance(group, EffectGroup) or group.size < 2:
+        return 0.0
+    others = [t for i, t in enumerate(terms) if i not in which]
+    whole = kept = white.total(terms)
+    best = group
+    while best.size > 1:
+        fewer = [best.without(k) for k in range(best.size)]
+        gains, priors = white.of_groups(list(fewer)).scores(others, within=np.inf)
+        k = int(np.argmax(gains))
+        found = white.total([*others, LawTerm(fewer[k], priors[k])])
+        if found <= kept:
+            break
+        best, kept = fewer[k], found
+    return max(kept - whole - float(np.log(2.0**group.size - 1.0)), 0.0)
+
+
 def _rivals(white: Whitened, terms: list[LawTerm], which: list[int]) -> tuple[list[str], float]:
     """Laws that stand for these of the terms as well, the best first; and how far these are ahead of the best, nats."""
     others = [t for i, t in enumerate(terms) if i not in which]
-    gains, _ = white.scores(others, within=LAW_SEARCH.hopeless)
-    worth = white.total(terms) - white.total(others)
+    worth = white.total(terms) - white.total(others) + _fewer_gain(white, terms, which)
+    # those further behind are in no class, and set no limit
+    gains, _ = white.scores(others, within=LAW_SEARCH.hopeless, down_to=worth - LAW_CLASS.same_confounded)
     does = white.left_of(terms, which)
     told: dict[tuple[object, ...], str] = {}
     laws = [float(gain) for gain, group in zip(gains, white.families.groups, strict=True) if not group.effect]

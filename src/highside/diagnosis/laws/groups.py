@@ -104,12 +104,14 @@ class LawGroup:
     @cached_property
     def channels(self) -> tuple[int, ...]:
         """Channels that it acts on."""
+        if len(self.units) == 1:
+            return self.units[0].channels
         return tuple(sorted({channel for unit in self.units for channel in unit.channels}))
 
     @cached_property
     def orders(self) -> Array:
         """(u m,) order of each column."""
-        return np.tile(self.order, len(self.units))
+        return self.order if len(self.units) == 1 else np.tile(self.order, len(self.units))
 
     @property
     def size(self) -> int:
@@ -132,6 +134,7 @@ class Bases:
     def __init__(self, problem: LawProblem) -> None:
         self.problem = problem
         self._varying: dict[tuple[str, int], list[tuple[str, Array, int]]] = {}
+        self._of_time: dict[int, list[Array]] = {}
         self._of: dict[tuple[tuple[Axis, ...], tuple[int, ...]], Array] = {}
 
     def varying(self, units: tuple[PlaceField, ...]) -> list[tuple[str, Array, int]]:
@@ -163,14 +166,27 @@ class Bases:
         periods = (high - low) / counts[counts <= LAW_GROUPS.a_value * np.unique(t).size]
         return [Axis("time", low, high, wave_of(float(period))) for period in periods]
 
+    def of_time(self, units: tuple[PlaceField, ...], axes: list[Axis]) -> Iterator[LawGroup]:
+        """The shapes in time, or the waves, in a place: their functions (1, m, n) are the same in every place."""
+        if id(axes) not in self._of_time:
+            self._of_time[id(axes)] = [product_of(self.problem, units[:1], (axis,)) for axis in axes]
+        order = np.zeros(len(axes[0].functions)) if axes else np.empty(0)
+        for axis, basis in zip(axes, self._of_time[id(axes)], strict=True):
+            yield LawGroup(units, (axis,), order, _for_each(units, basis), len(axes))
+
     def group(self, units: tuple[PlaceField, ...], axes: tuple[Axis, ...], order: Array, tries: float = 1) -> LawGroup:
         """The functions of axes in a place; units that know the same values share them."""
         differs = any(self.problem.covariates[axis.covariate].ndim == 2 for axis in axes)
         key = axes, tuple(unit.own if differs else -1 for unit in units)
         if key not in self._of:
             made = product_of(self.problem, units if differs else units[:1], axes)
-            self._of[key] = np.broadcast_to(made, (len(units), *made.shape[1:]))
+            self._of[key] = _for_each(units, made)
         return LawGroup(units, axes, order, self._of[key], tries)
+
+
+def _for_each(units: tuple[PlaceField, ...], basis: Array) -> Array:
+    """(u, m, n) functions (u or 1, m, n) for each of the units."""
+    return basis if len(basis) == len(units) else np.broadcast_to(basis, (len(units), *basis.shape[1:]))
 
 
 def wave_of(period: float) -> tuple[Function, ...]:
@@ -248,11 +264,8 @@ def varying(problem: LawProblem, units: tuple[PlaceField, ...]) -> Iterator[tupl
         if unit.own >= 0 and name == "load_" + "xyz"[unit.own]:
             continue
         values = values_of(problem, name, unit)
-        spread = float(np.ptp(values))
-        if spread <= LAW_GROUPS.constant * max(float(np.abs(values).max()), 1.0):
-            continue
-        distinct = np.unique(np.round(values / (LAW_GROUPS.distinct * spread))).size
-        yield name, values, int(distinct)
+        if float(np.ptp(values)) > LAW_GROUPS.constant * max(float(np.abs(values).max()), 1.0):
+            yield name, values, distinct_of(values)
 
 
 def distinct_of(values: Array) -> int:
@@ -372,11 +385,10 @@ def _shapes(units: tuple[PlaceField, ...], bases: Bases) -> Iterator[LawGroup]:
 def _in_time(units: tuple[PlaceField, ...], bases: Bases) -> Iterator[LawGroup]:
     """Steps, ramps and decays; of an offset in poses a wave."""
     if any(name == "time" for name, _, _ in bases.varying(units)):
-        for axis in bases.in_time:
-            yield bases.group(units, (axis,), np.zeros(1), len(bases.in_time))
-        # over the rows of a rotation it is an effect of the library
-        for axis in bases.waves if units[0].place == "offset" and bases.problem.every_pair else ():
-            yield bases.group(units, (axis,), np.zeros(2), len(bases.waves))
+        yield from bases.of_time(units, bases.in_time)
+        if units[0].place == "offset" and bases.problem.every_pair:
+            # over the rows of a rotation it is an effect of the library
+            yield from bases.of_time(units, bases.waves)
 
 
 def _lines(units: tuple[PlaceField, ...], known: dict[str, Array], bases: Bases) -> Iterator[LawGroup]:
@@ -427,8 +439,7 @@ def within_another(group: LawGroup, other: LawGroup) -> bool:
     own, its = dent_of(group), dent_of(other)
     if own is None or its is None or group.kind != other.kind:
         return False
-    apart = (own[0] - its[0] + 180.0) % 360.0 - 180.0
-    return abs(apart) <= max(own[1], its[1])
+    return abs((own[0] - its[0] + 180.0) % 360.0 - 180.0) <= max(own[1], its[1])
 
 
 def dent_of(group: LawGroup) -> tuple[float, float] | None:

@@ -76,12 +76,11 @@ class Search(Starts):
         """
         floor = LawNoise.floor_alone(self.problem)
         first = self._learn([], self.problem.residual)
-        quiet = self._whitened(State([], floor, 0.0, self.problem.residual))
-        # where the floor alone shows nothing, no noise shows more
-        gains, _ = quiet.scores([], least=LAW_SEARCH.gain, within=LAW_SEARCH.simpler)
-        if float(np.max(gains, initial=-np.inf)) < LAW_SEARCH.gain:
+        known_floor = self._measured(first) or self.problem.n <= FEW_VALUES.most
+        # where a floor alone shows nothing, no noise shows more
+        if known_floor and not self._shows(State([], floor, 0.0, self.problem.residual)):
             return self._found(first)
-        if not self._measured(first) and self.problem.n > FEW_VALUES.most:
+        if not known_floor:
             # beside rounding all shows, and means nothing; white noise is known from many values
             alone = self._proved(self._grown(first, relearn=True))
             if self._plain_beside_white(alone):
@@ -116,6 +115,11 @@ class Search(Starts):
         one = one if self._needs_no_onset(one) else self._from_onsets(one)
         one = self._from_exchanges(one) if self.problem.every_pair else one
         return self._found(self._ended(self._without_time(self._beside_less_noise(one))))
+
+    def _shows(self, state: State) -> bool:
+        """Whether any group gains what a law must beside the noise of a state."""
+        gains, _ = self._whitened(state).scores([], least=LAW_SEARCH.gain, within=LAW_SEARCH.simpler)
+        return float(np.max(gains, initial=-np.inf)) >= LAW_SEARCH.gain
 
     def resumed(self, found: Found) -> Found:
         """What was found goes on where groups have joined since, or what is taken out beyond first order has changed:

@@ -14,7 +14,7 @@ from highside.diagnosis.laws.families import Families
 from highside.diagnosis.laws.groups import LawGroup, dent_of, groups_of, within_another
 from highside.diagnosis.laws.learning import NoiseLearner
 from highside.diagnosis.laws.noise import LawNoise, Whitener
-from highside.diagnosis.laws.policy import LAW_SEARCH
+from highside.diagnosis.laws.policy import LAW_SEARCH, LAW_VERDICT
 from highside.diagnosis.laws.priors import Prior
 from highside.diagnosis.laws.problem import LawProblem, independent
 from highside.diagnosis.laws.products import ProductGroup, fitted_again
@@ -96,7 +96,7 @@ class Steps:
         """What each group gains beside the terms of a state, and its prior; where that is much, with those that come
         near at the best of a number that lies between those tried."""
         white = self._whitened(state)
-        gains, priors = white.scores(state.terms, least=LAW_SEARCH.gain, within=LAW_SEARCH.simpler)
+        gains, priors = white.scores(state.terms, least=LAW_VERDICT.beside, within=LAW_SEARCH.simpler)
         gains = self._each_name_once(gains, state.terms)
         if not self._variants or not gains.size:
             return white, gains, priors

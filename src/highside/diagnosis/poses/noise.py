@@ -52,7 +52,9 @@ class PoseNoise:
         """(..., 3, n) in g -> (..., 3 n) in units of the noise."""
         if self.full is not None:
             return self.full.white(columns)
-        turned = np.einsum("ijn,...jn->...in", self.whitening, columns)
+        turned = np.zeros(np.broadcast_shapes(columns.shape, self.whitening.shape[1:]))
+        for i, j in np.argwhere(self.whitening.any(axis=2)):
+            turned[..., i, :] += self.whitening[i, j] * columns[..., j, :]
         return np.asarray(turned.reshape(*columns.shape[:-2], columns.shape[-2] * columns.shape[-1]))
 
 
