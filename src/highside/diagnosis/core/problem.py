@@ -77,6 +77,8 @@ class ReportData:
     """(C, n) what each claim alone does, at its fitted size, beside all the others"""
     sigma: tuple[float, ...] = ()
     """noise of one row of each channel"""
+    alike: float = 1.0
+    """rows that tell as much of the size of the noise as one would by itself: more than one where it has a memory"""
     scores: EffectScores | None = None
     """of every testable effect, for what is pooled over recordings"""
     withheld: tuple[Claim, ...] = ()

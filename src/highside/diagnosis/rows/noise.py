@@ -64,9 +64,27 @@ class RotationNoise:
 
     def autocorrelation(self, channel: int, lags: int) -> Array:
         """(lags,) of a channel's noise, 1 at none: that of the process which the filter whitens, by its spectrum."""
-        gain = np.abs(np.fft.rfft(self.filters[channel], max(ROW_NOISE.spectrum, 2 * lags))) ** 2
-        found = np.fft.irfft(1.0 / gain)[:lags]
+        found = self._autocovariance(channel, lags)
         return np.asarray(found / found[0], dtype=float)
+
+    def _autocovariance(self, channel: int, lags: int) -> Array:
+        """(lags,) of a channel's noise, in units of the variance of its innovations."""
+        gain = np.abs(np.fft.rfft(self.filters[channel], max(ROW_NOISE.spectrum, 2 * lags))) ** 2
+        return np.asarray(np.fft.irfft(1.0 / gain)[:lags], dtype=float)
+
+    @property
+    def of_a_row(self) -> Array:
+        """(C,) typical standard deviation of a row, where `sigma` is that of what the rows before do not tell of it."""
+        inflation = [float(self._autocovariance(c, 1)[0]) for c in range(len(self.filters))]
+        return np.asarray(self.sigma * np.sqrt(inflation))
+
+    @property
+    def alike(self) -> float:
+        """How many rows tell as much of the size of the noise as one would by itself: the sum of the squares of its
+        autocorrelation over all lags, the mean of the channels (Bartlett 1946, J. R. Stat. Soc. Suppl. 8, 27)."""
+        lags = ROW_NOISE.spectrum // 2
+        squares = [np.sum(self.autocorrelation(c, lags)[1:] ** 2) for c in range(len(self.filters))]
+        return 1.0 + 2.0 * float(np.mean(squares))
 
     def white(self, columns: Array) -> Array:
         """(..., C, N) readings -> (..., C N) in units of the noise, a random walk of an offset left aside."""
