@@ -105,6 +105,14 @@ class Onsets:
         found = self.best(terms) if self.problem.every_pair else []
         return found[0][1] if found else self.moved(terms, term)
 
+    def in_place_of(self, terms: Sequence[LawTerm], term: LawTerm) -> list[LawTerm]:
+        """What else may set in in the place of a law that does: of each other quantity the law from its best time on
+        beside the terms, however far behind the best it is in this noise."""
+        place, own = term.group.kind[:2], term.group.axes[:-1]
+        numbers = [i for i, base in enumerate(self.bases) if base.kind[:2] == place and base.axes != own]
+        each = [self._scored(terms, [i], self.knots) for i in numbers]
+        return [self._settled(terms, found[0])[1] for found in each if found]
+
     def _number(self, late: LawGroup) -> int | None:
         """Which of the laws a law from a time on is; None of one that another search has found."""
         return self._numbers.get((*late.kind[:2], late.axes[:-1]))

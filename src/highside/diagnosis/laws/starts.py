@@ -13,7 +13,7 @@ from highside.diagnosis.laws.evidence import LawTerm
 from highside.diagnosis.laws.few_values_policy import FEW_VALUES
 from highside.diagnosis.laws.groups import LawGroup
 from highside.diagnosis.laws.noise import LawNoise, Whitener
-from highside.diagnosis.laws.onsets import Onsets, begun
+from highside.diagnosis.laws.onsets import Onsets, begun, sets_in
 from highside.diagnosis.laws.pairs import further_pairs
 from highside.diagnosis.laws.policy import LAW_SEARCH
 from highside.diagnosis.laws.products import best_products, is_more_than
@@ -121,6 +121,9 @@ class Starts(Steps):
         for term in best.terms if several else []:
             if term.group.effect or not any(t is term for t in best.terms):
                 continue
+            if sets_in(term.group) and (made := self._set_in_instead(best, term)).less_tries > best.less_tries:
+                best = made
+                continue
             barred = [term.group]
             for _ in range(LAW_SEARCH.rounds):
                 made = self._exchanged(best, term, barred)
@@ -134,6 +137,20 @@ class Starts(Steps):
                 if len(barred) == 1 or len(term.group.units) > 1:
                     break
         return best
+
+    def _set_in_instead(self, best: State, term: LawTerm) -> State:
+        """What begins with another law that sets in in the place of one, that of the highest evidence with the noise
+        learnt again: of large laws the gains beside the floor tell of what their functions leave, and not of which is
+        right."""
+        others = [t for t in best.terms if t is not term]
+        onsets = Onsets(self.problem, Whitener(self.problem, LawNoise.floor_alone(self.problem)), best.residual)
+        tried = [[*others, late] for late in onsets.in_place_of(others, term)]
+        state = max(
+            (self._learn(terms, self.problem.residual) for terms in tried), key=lambda s: s.less_tries, default=best
+        )
+        self.groups = [*self.groups, *(t.group for t in state.terms if t.group not in self.groups)]
+        self.families = self.families.of(self.groups, self.families.barred)
+        return self._proved(self._grown(self._settled(state), relearn=True)) if state is not best else best
 
     def _exchanged(self, best: State, term: LawTerm, barred: Sequence[LawGroup]) -> State:
         """What begins with the other laws beside the floor, without the like of some, and goes on with all. The like of
