@@ -34,9 +34,6 @@ Row = dict[str, Any]
 def is_true(law: Row, group: Any) -> bool:
     """Whether a group of functions is of a law's place, channel and covariates."""
     keys = judging.accepted(law, "poses")
-    if law["place"] == "level":
-        # a lean about the axis of the inclination is tried as an error of that
-        keys |= {("inclination", covariates) for _, covariates in keys}
     if group.effect or (group.place, frozenset(group.depends_on)) not in keys:
         return False
     channels = "".join(unit.channel for unit in group.units)

@@ -114,9 +114,17 @@ def accepted(law: Row, design: str) -> set[Key]:
     if law["place"] == "timing":
         # an angle read late is wrong by the rate times the delay; on accelerometers the two are one
         keys |= {("toolface", covariates | {"rate"}) for _, covariates in keys}
+    if leans_as_inclined(law):
+        keys |= {("inclination", covariates) for _, covariates in keys}
     if law["onset_s"] is not None:
         keys |= {(place, covariates | {"time"}) for place, covariates in keys}
     return keys
+
+
+def leans_as_inclined(law: Row) -> bool:
+    """Whether a law is a lean of the bench about the axis of the inclination: that is an error of the inclination, and
+    its readings are those of one to the third order of the lean."""
+    return bool(law["place"] == "level" and [bool(weight) for weight in law["weights"]] == [True, False, False])
 
 
 def wider(truth: set[Key], claim: Key) -> bool:

@@ -22,7 +22,7 @@ import json
 import tempfile
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 from unittest import mock
@@ -64,15 +64,8 @@ def is_of(group: LawGroup, law: Law, design: str = "poses") -> bool:
     product that a search made is: it was made for what that found."""
     if group.effect or isinstance(group, ProductGroup):
         return False
-    if group.place == "inclination" and _leans_as_inclined(law):
-        law = replace(law, place="inclination")
     follows = frozenset("temp_filtered" if n.startswith("temp_filtered") else n for n in group.depends_on)
     return (group.place, follows) in judging.accepted(law.plain(), design)
-
-
-def _leans_as_inclined(law: Law) -> bool:
-    """Whether a law is a lean about the axis of the inclination, which is tried as an error of that."""
-    return law.place == "level" and [bool(weight) for weight in law.weights] == [True, False, False]
 
 
 class Among(Search):

@@ -302,6 +302,18 @@ def test_an_angle_read_late_is_an_error_of_the_angle_by_the_rate() -> None:
     assert ("toolface", frozenset({"temp"})) not in keys
 
 
+def test_a_lean_about_the_axis_of_the_inclination_is_an_error_of_that() -> None:
+    s = bench()
+    lean = law_at("level", s, covariate="tf", weights=(1.0, 0.0, 0.0))
+    as_inclination = replace(lean, place="inclination")
+    other = world.contribution(s, world.IDEAL, [as_inclination])
+    assert world.contribution(s, world.IDEAL, [lean]) == pytest.approx(other, abs=SIZE**3)
+    both = {("level", frozenset({"tf"})), ("inclination", frozenset({"tf"}))}
+    assert both <= judging.accepted(json.loads(json.dumps(lean.plain())), "poses")
+    across = replace(lean, weights=(0.0, 1.0, 0.0))
+    assert ("inclination", frozenset({"tf"})) not in judging.accepted(json.loads(json.dumps(across.plain())), "poses")
+
+
 def test_a_sweep_that_forgets_what_it_knew_is_not_monotone() -> None:
     def at(strength: float, *, in_class: bool, nothing: bool = False) -> dict[str, object]:
         return {"name": f"sweep/1/{strength:.0f}", "group": "sweep", "truth": {"strength": strength},
