@@ -147,6 +147,14 @@ def test_a_course_of_few_rows_is_not_taken_for_their_noise(lost: bool) -> None:
     assert ("offset", ("time_since_move",)) in [(claim.place, claim.depends_on) for claim in made.claims]
 
 
+def test_a_pose_that_lost_its_first_rows_began_when_its_readings_say() -> None:
+    """Of 91 poses 23 are cut short. Counted from their first row that is left, a strong course left errors of their
+    means, and a law of the session's time stood beside it from a strength of 1e5 on."""
+    case = every_case("0abd63786343fc74eeb8bf119e28e294131d720c", ("sweep",))["sweep/024/100000"]()
+    made = diagnose({name: np.asarray(column) for name, column in case.recording.items()}, MODEL)
+    assert [(claim.place, claim.depends_on) for claim in made.claims] == [("offset", ("time_since_move",))]
+
+
 def test_poses_that_drift_as_the_load_says_are_a_law_and_those_that_drift_alike_are_none() -> None:
     case = every_case("bbcbd3ba726080d8809ebc3f2aff1b361d111cf5", ("law",))["law/090"]()
     made = diagnose({name: np.asarray(column) for name, column in case.recording.items()}, MODEL)

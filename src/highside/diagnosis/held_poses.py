@@ -20,7 +20,8 @@ from highside.diagnosis.law_answers import beside_laws, with_shares
 from highside.diagnosis.laws.claims import ReportedLaw, heldout_of
 from highside.diagnosis.laws.course import HeldRows, less_mean
 from highside.diagnosis.laws.found import Found
-from highside.diagnosis.laws.since_move import laws_since_move, without_laws
+from highside.diagnosis.laws.since_move import laws_since_move, whole_poses, without_laws
+from highside.diagnosis.laws.since_move_policy import LAW_SINCE_MOVE
 from highside.diagnosis.poses.session import PoseSession, rows_of_poses
 from highside.physics import effects as library
 from highside.physics.forward import ForwardModel
@@ -72,10 +73,61 @@ def without_since_move(
             return again(still), None
     if not laws:
         return session, None
+    held = HeldRows(accel, columns["t_s"], rows)
     left = accel.copy()
-    left[:, used] = without_laws(accel[:, used], state, model, laws)
+    left[:, used] = _less_laws(held, accel[:, used], state, model, laws)
     before, after = (_about_means(values, rows) for values in (accel, left))
     return again(left), SinceMove(tuple(laws), found, before, after)
+
+
+def _less_laws(
+    held: HeldRows, accel: Array, state: ChainState, model: ForwardModel, laws: Sequence[ReportedLaw]
+) -> Array:
+    """Readings (3, N) at the rows of all poses in turn, less what the laws do there.
+
+    Of a pose that is cut short where most are held equally long the first rows may be lost: it began as many rows
+    earlier as its readings say by these laws, if they say so.
+    """
+    lost, size, whole = np.zeros(len(held.rows), dtype=np.intp), _sizes(held), whole_poses(held)
+    left = _begun_earlier(held, lost, accel, state, model, laws)
+    cut = np.setdiff1d(np.arange(size.size), whole)
+    if not (cut.size and whole.size):
+        return left
+    most = int(size[whole].max())
+    squares = np.array([_of_each(held, left)])
+    for rows in range(1, 1 + most - int(size[cut].min())):
+        moved = _begun_earlier(held, np.where(np.isin(np.arange(size.size), cut), rows, 0), accel, state, model, laws)
+        squares = np.concatenate([squares, [_of_each(held, moved)]])
+    chance = LAW_SINCE_MOVE.begun * float(np.mean(squares[0, whole])) / (len(accel) * (most - 1))
+    for k in cut:
+        nearest = int(np.argmin(squares[: 1 + most - size[k], k]))
+        lost[k] = nearest if squares[0, k] - squares[nearest, k] >= chance else 0
+    return _begun_earlier(held, lost, accel, state, model, laws)
+
+
+def _begun_earlier(
+    held: HeldRows, lost: Ints, accel: Array, state: ChainState, model: ForwardModel, laws: Sequence[ReportedLaw]
+) -> Array:
+    """Readings (3, N) less the laws, where each pose has lost so many rows (P,) before its first."""
+    first = np.cumsum(_sizes(held)) - _sizes(held)
+    early = first[lost > 0]
+    # a row before the first of such a pose says when that began
+    order = np.sort(np.concatenate([np.arange(state.n), early]))
+    begins = np.searchsorted(order, early)
+    step = float(np.median(np.concatenate([np.diff(held.since(k)) for k in range(lost.size)])))
+    t_s = state.t_s[order]
+    t_s[begins] -= step * lost[lost > 0]
+    left = without_laws(accel[:, order], replace(state.rows(order), t_s=t_s), model, laws)
+    return np.delete(left, begins, axis=1)
+
+
+def _sizes(held: HeldRows) -> Ints:
+    return np.array([r.size for r in held.rows], dtype=np.intp)
+
+
+def _of_each(held: HeldRows, values: Array) -> list[float]:
+    """Sum of the squares of values (3, N) about the mean of each pose."""
+    return [float(np.sum(less_mean(own) ** 2)) for own in np.split(values, np.cumsum(_sizes(held))[:-1], axis=1)]
 
 
 def _runs_on(columns: Mapping[str, Array], rows: Sequence[Ints]) -> bool:

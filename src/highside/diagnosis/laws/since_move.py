@@ -54,7 +54,7 @@ def laws_since_move(held: HeldRows, state: ChainState, model: ForwardModel) -> t
 
     `state` has one row for each pose.
     """
-    long = _whole(held)
+    long = whole_poses(held)
     if long.size < LAW_SINCE_MOVE.poses:
         return None
     held, state = replace(held, rows=[held.rows[k] for k in long]), state.rows(long)
@@ -94,7 +94,7 @@ def _no_wider(own: LawGroup, alike: Class) -> tuple[LawGroup, ...]:
     return tuple(g for g in alike() if len(own.axes) > 1 or g is own or len(g.axes) == 1)
 
 
-def _whole(held: HeldRows) -> Ints:
+def whole_poses(held: HeldRows) -> Ints:
     """The poses of enough rows; where most are held equally long, those that are: of a shorter one the first rows may
     be lost, and with them when it began."""
     long = np.array([k for k, r in enumerate(held.rows) if r.size >= LAW_SINCE_MOVE.rows], dtype=np.intp)

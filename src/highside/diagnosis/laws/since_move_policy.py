@@ -17,6 +17,9 @@ class LawSinceMovePolicy:
     equally_long: float = 0.5
     """Share of the poses that are held equally long, from which the shorter ones have lost rows. Source: of poses that
     lose up to 30 % of their rows half keep the first and the last."""
+    begun: float = 9.0
+    """Chi-square by which the rows of a pose that is cut short must be nearer to a law if it began earlier. Source:
+    three standard deviations, one of 370 by chance."""
     tried: int = 16
     """Time constants tried, and as many again about the best. Source: chosen; neighbours differ by less than a third
     in poses of up to fifty rows."""
