@@ -114,6 +114,8 @@ def accepted(law: Row, design: str) -> set[Key]:
     if law["place"] == "timing":
         # an angle read late is wrong by the rate times the delay; on accelerometers the two are one
         keys |= {("toolface", covariates | {"rate"}) for _, covariates in keys}
+    if law["place"] == "toolface" and "rate" in law["covariates"]:
+        keys |= {("timing", covariates) for _, covariates in keys}
     if leans_as_inclined(law):
         keys |= {("inclination", covariates) for _, covariates in keys}
     if law["onset_s"] is not None:

@@ -300,6 +300,9 @@ def test_an_angle_read_late_is_an_error_of_the_angle_by_the_rate() -> None:
     assert ("timing", frozenset({"temp"})) in keys
     assert ("toolface", frozenset({"temp", "rate"})) in keys
     assert ("toolface", frozenset({"temp"})) not in keys
+    by_rate = {**late, "place": "toolface", "covariates": ["temp", "rate"]}
+    assert ("timing", frozenset({"temp", "rate"})) in judging.accepted(by_rate, "rotation")
+    assert ("timing", frozenset({"temp"})) not in judging.accepted({**late, "place": "toolface"}, "rotation")
 
 
 def test_a_lean_about_the_axis_of_the_inclination_is_an_error_of_that() -> None:
