@@ -15,17 +15,32 @@ from collections import defaultdict
 
 import numpy as np
 
+from highside.arrays import Array
 from highside.diagnosis.core.method import WHOLE
 from highside.diagnosis.engine import diagnose_rotation
 from highside.diagnosis.law_sessions import ChainSession
 from highside.diagnosis.laws.search import Search
 from highside.diagnosis.rows.session import RotationSession
 from highside.physics.forward import ForwardModel
+from highside.physics.state import ChainState
 from studies import diagnosis_deck as deck
 from studies import rotation_cases as cases
 
 LEVER_ARM = {"lever_arm": {"r_x": 1e-5, "r_y": 2e-5}}
 HERTZ = 50
+FLICKER = "1/f"
+
+
+def drawn(kind: str, state: ChainState, rng: np.random.Generator) -> Array:
+    """(3, n) noise of a kind; 1/f noise down to one cycle of the whole recording, 0.5 to 2 times the white noise on
+    which it lies."""
+    if kind != FLICKER:
+        return np.asarray(cases.noise_of(kind, state, rng).draw(rng))
+    lines = np.arange(1, state.n // 2 + 1)
+    random = rng.standard_normal((3, lines.size)) + 1j * rng.standard_normal((3, lines.size))
+    slow = np.fft.irfft(np.concatenate([np.zeros((3, 1)), random / np.sqrt(lines)], axis=1), state.n)
+    slow *= rng.uniform(0.5, 2.0) / slow.std(axis=1, keepdims=True)
+    return cases.SIGMA_G * (slow + rng.standard_normal((3, state.n)))
 
 
 def found_in(seed: int, rows: int, kind: str, *, names: bool) -> list[str]:
@@ -33,7 +48,7 @@ def found_in(seed: int, rows: int, kind: str, *, names: bool) -> list[str]:
     state = cases.design(seed, seconds=rows / HERTZ)
     rng = np.random.default_rng([seed, rows])
     sensor, _ = deck.sensor_and_base(state, rng)
-    noise = cases.noise_of(kind, state, rng).draw(rng)
+    noise = drawn(kind, state, rng)
     if names:
         session = RotationSession(sensor.with_effects(LEVER_ARM).predict(state) + noise, state)
         told = diagnose_rotation(session, ForwardModel.of({}), cases.FREE, method=WHOLE)[0]
@@ -47,7 +62,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--rows", type=int, nargs="*", default=[12_000, 45_000, 90_000])
     parser.add_argument("--seeds", type=int, nargs=2, default=[10, 17])
-    parser.add_argument("--kinds", nargs="*", default=["coloured", "random walk"], choices=cases.NULL_KINDS)
+    parser.add_argument("--kinds", nargs="*", default=["coloured", "random walk"], choices=[*cases.NULL_KINDS, FLICKER])
     parser.add_argument("--names", action="store_true")
     given = parser.parse_args()
     counts: dict[tuple[str, int], list[bool]] = defaultdict(list)
