@@ -94,14 +94,16 @@ def _less_laws(
     if not (cut.size and whole.size):
         return left
     most = int(size[whole].max())
-    squares = np.array([_of_each(held, left)])
-    for rows in range(1, 1 + most - int(size[cut].min())):
-        moved = _begun_earlier(held, np.where(np.isin(np.arange(size.size), cut), rows, 0), accel, state, model, laws)
-        squares = np.concatenate([squares, [_of_each(held, moved)]])
-    chance = LAW_SINCE_MOVE.begun * float(np.mean(squares[0, whole])) / (len(accel) * (most - 1))
+    tried = np.unique(np.linspace(0, max(most - int(size[cut].min()), 0), LAW_SINCE_MOVE.beginnings).astype(np.intp))
+    squares = [_of_each(held, left)]
+    for rows in tried[1:]:
+        moved = np.where(np.isin(np.arange(size.size), cut), rows, 0)
+        squares.append(_of_each(held, _begun_earlier(held, moved, accel, state, model, laws)))
+    table = np.array(squares)
+    chance = LAW_SINCE_MOVE.begun * float(np.mean(table[0, whole])) / (len(accel) * (most - 1))
     for k in cut:
-        nearest = int(np.argmin(squares[: 1 + most - size[k], k]))
-        lost[k] = nearest if squares[0, k] - squares[nearest, k] >= chance else 0
+        nearest = int(np.argmin(np.where(tried <= max(most - size[k], 0), table[:, k], np.inf)))
+        lost[k] = tried[nearest] if table[0, k] - table[nearest, k] >= chance else 0
     return _begun_earlier(held, lost, accel, state, model, laws)
 
 

@@ -20,6 +20,8 @@ class LawSinceMovePolicy:
     begun: float = 9.0
     """Chi-square by which the rows of a pose that is cut short must be nearer to a law if it began earlier. Source:
     three standard deviations, one of 370 by chance."""
+    beginnings: int = 33
+    """Beginnings of such a pose that are tried. Source: chosen; of poses of up to 33 rows each row that may be lost."""
     tried: int = 16
     """Time constants tried, and as many again about the best. Source: chosen; neighbours differ by less than a third
     in poses of up to fifty rows."""
