@@ -5,10 +5,12 @@ import pytest
 
 from highside.api.diagnosis import diagnose
 from highside.api.simulation import predict
+from highside.diagnosis.core.problem import ReportData
 from highside.diagnosis.laws.course import HeldRows
 from highside.diagnosis.laws.since_move import laws_since_move
 from highside.diagnosis.poses.session import pose_session, rows_of_poses
 from highside.physics.forward import ForwardModel
+from highside.report.misfit_steps import steps_of
 from studies.open_world.score import every_case
 
 FURTHER = pytest.mark.further
@@ -86,6 +88,11 @@ def test_it_is_not_said_to_leave_the_misfit_of_the_means_to_noise() -> None:
     page = made.html()
     assert "follows time since the last move" in page
     assert "is taken for noise" not in page
+    # the picture of the misfit step by step shows what it takes of the rows, of which the means know nothing
+    assert isinstance(made.report_data, ReportData)
+    steps = steps_of(made.report_data)
+    assert steps.names == (made.claims[0].effect,)
+    assert steps.left < 0.05 * steps.levels[0]
 
 
 def test_beside_what_the_means_show_it_has_its_own_small_share() -> None:

@@ -168,9 +168,10 @@ def with_since_move(
         return diagnosis, report
     claims = tuple(one.claim for one in since.laws)
     names, fit = diagnosis.claims, diagnosis.fit
+    # the means do not show what the laws explain: mean squares of both kinds, g^2
+    of_rows = since.before_g**2 - since.after_g**2
+    report = replace(report, within={c.effect: of_rows * (c.share or 0.0) for c in claims})
     if names and fit is not None:
-        # the means do not show what the laws explain: mean squares of both kinds, g^2
-        of_rows = since.before_g**2 - since.after_g**2
         own_shares = [replace(c, share=(c.share or 0.0) * of_rows) for c in claims]
         names, claims = with_shares(names, max(fit.rmse_before**2 - fit.rmse_after**2, 0.0), own_shares)
     verdict: Verdict = "named_plus" if any(c.law is None for c in diagnosis.claims) else "law"

@@ -60,10 +60,12 @@ def steps_of(data: ReportData) -> Steps:
     if not power and not np.array_equal(data.before, data.after):
         # what each does by itself is not known
         power = {ALL_FOUND: 1.0}
+    power |= data.within
     order = sorted(power, key=lambda name: -power[name])
     total = sum(power.values()) or 1.0
     shares = tuple(power[name] / total for name in order)
-    first, last = excess(data.before), excess(data.after)
+    # what rows do about the mean of their pose adds to what that is off by
+    first, last = excess(data.before) + sum(data.within.values()), excess(data.after)
     # parts that run together do not add up in squares: what all explain is shared out by what each does alone
     taken = np.cumsum((0.0, *shares))
     squares = [first - done * max(first - last, 0.0) for done in taken]

@@ -77,6 +77,9 @@ class ReportData:
     """(C, n) what each claim alone does, at its fitted size, beside all the others"""
     sigma: tuple[float, ...] = ()
     """noise of one row of each channel"""
+    within: Mapping[str, float] = field(default_factory=dict)
+    """mean square, g^2, that laws of what rows do while poses are held take of the rows about the means of their poses:
+    residuals are those of the means"""
     alike: float = 1.0
     """rows that tell as much of the size of the noise as one would by itself: more than one where it has a memory"""
     scores: EffectScores | None = None
