@@ -32,8 +32,11 @@ def span(columns: Array, tolerance: float = REGRESSION.independent) -> Array:
     good = values > tolerance**2 * values[-1] + 1e-12
     basis = (vectors[:, good] / np.sqrt(values[good])).T @ kept
     # once more against rounding: the Gram matrix has the square of the condition number
-    lower = np.linalg.cholesky(basis @ basis.T)
-    return np.asarray(np.linalg.inv(lower) @ basis)
+    try:
+        return np.asarray(np.linalg.inv(np.linalg.cholesky(basis @ basis.T)) @ basis)
+    except np.linalg.LinAlgError:
+        # of very many columns rounding may leave two that are nearly the same
+        return np.asarray(np.linalg.qr(basis.T)[0].T)
 
 
 def projected(rows: Array, target: Array, tolerance: float | None = None) -> Array:
