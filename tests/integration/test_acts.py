@@ -24,6 +24,7 @@ from test_records_page import EVIL, record
 from test_tools_page import mosquitto, tool, watched
 
 from highside.recording.calibration_store import CalibrationStore
+from highside.service.tasks import ended
 
 __all__ = ["mosquitto"]
 """a fixture"""
@@ -182,8 +183,7 @@ async def answering(port: int, name: str, heard: list[dict[str, Any]]) -> AsyncI
         try:
             yield
         finally:
-            task.cancel()
-            await asyncio.gather(task, return_exceptions=True)
+            await ended(task)
 
 
 async def test_who_may_operate_commands_a_tool(tmp_path: Path, users: Path, mosquitto: Mosquitto) -> None:

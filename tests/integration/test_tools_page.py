@@ -22,6 +22,8 @@ from broker import Mosquitto, free_port
 from playwright.async_api import Page, expect
 from test_bench_page import assert_accessible, assert_fits
 
+from highside.service.tasks import ended
+
 CLICK_S = 60_000
 SHOTS = os.environ.get("HIGHSIDE_SHOTS")
 """a folder for pictures of what was checked"""
@@ -113,8 +115,7 @@ async def tool(port: int, name: str, **more: Any) -> AsyncIterator[aiomqtt.Clien
         try:
             yield client
         finally:
-            task.cancel()
-            await asyncio.gather(task, return_exceptions=True)
+            await ended(task)
 
 
 async def listed(address: str, wanted: int) -> list[dict[str, Any]]:
