@@ -36,7 +36,7 @@ FURTHER = pytest.mark.further
 
 def _nothing_kept(patched: pytest.MonkeyPatch) -> None:
     for module in (families, on_channels):
-        patched.setattr(module, "LAW_EVIDENCE", replace(LAW_EVIDENCE, kept=0))
+        patched.setattr(module, "LAW_EVIDENCE", replace(LAW_EVIDENCE, kept=0, raw=0))
 
 
 def _law_problem() -> LawProblem:
