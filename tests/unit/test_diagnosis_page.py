@@ -146,14 +146,16 @@ def test_noise_that_remembers_is_as_large_as_a_row_and_tells_less_of_its_size() 
     most, as 95 % of sets of draws would have it (binomial)."""
     coefficient, n = 0.6, 3000
     noise = replace(plain(np.full(3, 1e-5), n), filters=(np.array([1.0, -coefficient]),) * 3)
-    assert noise.of_a_row == pytest.approx(np.full(3, 1e-5 / np.sqrt(1 - coefficient**2)))
-    assert noise.alike == pytest.approx((1 + coefficient**2) / (1 - coefficient**2))
+    assert noise.row_sigma == pytest.approx(np.full(3, 1e-5 / np.sqrt(1 - coefficient**2)))
+    assert noise.rows_per_independent == pytest.approx((1 + coefficient**2) / (1 - coefficient**2))
     rng = np.random.default_rng(5)
     beyond = 0
     for _ in range(200):
         drawn = lfilter([1e-5], [1.0, -coefficient], rng.standard_normal((3, n + 100)))[:, 100:]
-        one = ReportData(report_data(np.array(0.0)).session, drawn, drawn, alike=noise.alike)
-        steps = steps_of(replace(one, sigma=tuple(float(s) for s in noise.of_a_row)))
+        one = ReportData(
+            report_data(np.array(0.0)).session, drawn, drawn, rows_per_independent=noise.rows_per_independent
+        )
+        steps = steps_of(replace(one, sigma=tuple(float(s) for s in noise.row_sigma)))
         beyond += steps.left > steps.floor
     assert 0 < beyond <= 15
 

@@ -69,7 +69,7 @@ def steps_of(data: ReportData) -> Steps:
     # parts that run together do not add up in squares: what all explain is shared out by what each does alone
     taken = np.cumsum((0.0, *shares))
     squares = [first - done * max(first - last, 0.0) for done in taken]
-    size = data.before.size / data.alike
+    size = data.before.size / data.rows_per_independent
     floor = float(np.sqrt(noise * CHANCE_95 * np.sqrt(2.0 / size)))
     factor, unit = (1.0, _("times the noise of one row")) if not alike else unit_of(data, 0)
     if unit == "ug":

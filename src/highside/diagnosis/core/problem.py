@@ -80,7 +80,7 @@ class ReportData:
     within: Mapping[str, float] = field(default_factory=dict)
     """mean square, g^2, that laws of what rows do while poses are held take of the rows about the means of their poses:
     residuals are those of the means"""
-    alike: float = 1.0
+    rows_per_independent: float = 1.0
     """rows that tell as much of the size of the noise as one would by itself: more than one where it has a memory"""
     scores: EffectScores | None = None
     """of every testable effect, for what is pooled over recordings"""

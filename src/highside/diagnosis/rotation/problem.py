@@ -234,7 +234,7 @@ class RotationProblem(RowsProblem):
             heldout_gain_high=high,
             noise_floor=unit * float(np.sqrt(means[0].expected.sum() / size)),
             how_held_out=words,
-            row_noise=float(np.sqrt(np.mean(self.noise.of_a_row[:3] ** 2))),
+            row_noise=float(np.sqrt(np.mean(self.noise.row_sigma[:3] ** 2))),
         )
 
     def completed(self, diagnosis: DiagnosisResult) -> DiagnosisResult:
@@ -259,8 +259,8 @@ class RotationProblem(RowsProblem):
             self.channels,
             recorded=session.readings,
             parts=parts,
-            sigma=tuple(float(s) for s in self.noise.of_a_row),
-            alike=self.noise.alike,
+            sigma=tuple(float(s) for s in self.noise.row_sigma),
+            rows_per_independent=self.noise.rows_per_independent,
         )
 
     def noise_summary(self) -> dict[str, Any]:

@@ -66,13 +66,13 @@ class RotationNoise:
         return np.asarray(np.fft.irfft(1.0 / gain)[:lags], dtype=float)
 
     @property
-    def of_a_row(self) -> Array:
+    def row_sigma(self) -> Array:
         """(C,) typical standard deviation of a row, where `sigma` is that of what the rows before do not tell of it."""
         inflation = [float(self._autocovariance(c, 1)[0]) for c in range(len(self.filters))]
         return np.asarray(self.sigma * np.sqrt(inflation))
 
     @property
-    def alike(self) -> float:
+    def rows_per_independent(self) -> float:
         """How many rows tell as much of the size of the noise as one would by itself: the sum of the squares of its
         autocorrelation over all lags, the mean of the channels (Bartlett 1946, J. R. Stat. Soc. Suppl. 8, 27)."""
         lags = ROW_NOISE.spectrum // 2
