@@ -134,7 +134,7 @@ class Bases:
     def __init__(self, problem: LawProblem) -> None:
         self.problem = problem
         self._varying: dict[tuple[str, int], list[tuple[str, Array, int]]] = {}
-        self._of_time: dict[int, list[Array]] = {}
+        self._of_time: dict[int, list[Array]] = {}  # by the list of axes
         self._of: dict[tuple[tuple[Axis, ...], tuple[int, ...]], Array] = {}
 
     def varying(self, units: tuple[PlaceField, ...]) -> list[tuple[str, Array, int]]:

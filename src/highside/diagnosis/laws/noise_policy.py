@@ -51,7 +51,8 @@ class LawNoisePolicy:
     jitters: tuple[float, ...] = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 64.0)
     """Scatter of a set angle, in units of what the floor makes of it. Source: chosen; a wide grid."""
     part: int = 16
-    """Rows among which pairs are looked at one by one. Source: of 360,000 rows 8, 16 and 32 take as long."""
+    """Rows among which pairs are looked at one by one. Source: of 360,000 rows 8 and 16 take as long, 32
+    a fifth longer."""
     group: int = 64
     """Cells of a group whose means are whitened together, at least. Source: chosen; of so many the floor's correlations
     across a border, which are left out, are few, and a filter costs what a column of products does."""
