@@ -11,6 +11,8 @@ from highside.diagnosis.laws.problem import LawProblem
 from highside.diagnosis.laws.search import Search
 from tests.unit.test_laws_search import PLAIN, SIGMA, axis, problem, session
 
+FURTHER = pytest.mark.further
+
 STATE = session(31, 100)
 T = STATE.t_s - STATE.t_s[0]
 FIRST, SECOND = (float(T[k - 1] + T[k]) / 2 for k in (30, 64))
@@ -82,6 +84,7 @@ def two_steps(seed: int) -> dict[str, np.ndarray]:
     return columns | {"pose": np.arange(float(n)).repeat(4)} | dict(zip(("ax_g", "ay_g", "az_g"), rows, strict=True))
 
 
+@FURTHER
 def test_two_steps_are_told_although_a_random_walk_may_do_what_each_does() -> None:
     found = diagnose(two_steps(6), Model()).found
     places = [

@@ -34,7 +34,13 @@ KINDS = ("white", "coloured", "one_over_f", "walk")
 
 
 @pytest.mark.parametrize(
-    ("number", "effect"), [(48, "bias_step"), (61, "cogging"), (75, "bias_drift"), (59, "encoder_first_harmonic")]
+    ("number", "effect"),
+    [
+        pytest.param(48, "bias_step", marks=FURTHER),
+        pytest.param(61, "cogging", marks=FURTHER),
+        (75, "bias_drift"),
+        (59, "encoder_first_harmonic"),
+    ],
 )
 def test_an_effect_in_noise_with_a_memory_has_its_name_and_not_that_of_a_law(number: int, effect: str) -> None:
     kind = KINDS[number // len(known_names.EFFECTS)]

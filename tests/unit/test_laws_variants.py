@@ -82,6 +82,7 @@ def test_a_scale_factor_that_follows_another_load_is_no_product() -> None:
     assert kinds(found) == [("scale", "z", ("load_x",))]
 
 
+@FURTHER
 def test_a_product_of_any_two_covariates_is_found() -> None:
     state = session(5, 90)
     load = gravity_direction(state.inc_rad, state.tf_rad)
@@ -203,6 +204,7 @@ def test_small_errors_or_many_poses_are_nothing() -> None:
     assert told(80, "nothing_left_out", lambda rng: rng.normal(0, 4e-4, 80)).verdict == "nothing_left_out"
 
 
+@FURTHER
 def test_scatter_that_is_errors_of_set_angles_is_no_unknown() -> None:
     made = told(80, "unknown", lambda rng: rng.normal(0, 4e-4, 80))
     assert made.verdict == "nothing_left_out"
