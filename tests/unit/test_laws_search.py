@@ -24,6 +24,7 @@ from highside.diagnosis.laws.policy import LAW_EVIDENCE, LAW_SEARCH
 from highside.diagnosis.laws.priors import Prior, best_priors
 from highside.diagnosis.laws.problem import LawProblem
 from highside.diagnosis.laws.search import Search
+from highside.diagnosis.laws.state import State
 from highside.physics.forward import ForwardModel
 from highside.physics.gravity import gravity_direction
 from highside.physics.state import ChainState
@@ -353,3 +354,17 @@ def test_a_law_that_was_taken_for_noise_is_as_large_as_beside_the_floor_alone() 
     assert made.noise.times_the_floor(search.problem).max() < 1.3
     # at the floor there is nothing to do
     assert search._beside_less_noise(made) is made
+
+
+def test_as_many_laws_as_may_be_taken_first_are_refitted_without_another() -> None:
+    # five effects in one session ended in an error where a way of the search began with four
+    state = session(12)
+    _, own = problem(state, offset_of_temp(state) + scale_of_temp(state))
+    search = Search(own)
+    wanted = [("offset", "x"), ("scale", "z"), ("inclination", "inc"), ("toolface", "tf")]
+    groups = [next(g for g in search.groups if (g.place, g.units[0].channel) == one) for one in wanted]
+    terms = [LawTerm(group, Prior(1.0, 1.0)) for group in groups]
+    assert len(terms) == LAW_SEARCH.most_first
+    made = search._grown(State(terms, LawNoise.floor_alone(own), -np.inf, own.residual), relearn=False)
+    assert len(made.terms) == len(terms)
+    assert {("offset", ("temp",)), ("scale", ("temp",))} <= {(t.group.place, t.group.depends_on) for t in made.terms}

@@ -100,6 +100,20 @@ def test_offsets_of_all_axes_that_follow_one_quantity_are_one_law() -> None:
     assert kinds(found) == [("offset", "xyz", ("temp",))]
 
 
+def test_a_product_on_all_axes_each_in_its_own_way_is_one_law() -> None:
+    state = session(7, 70)
+    surface = np.sin((state.temp_c - 35) / 6) * np.cos(2.0 * state.inc_rad)
+    search = Search(problem_of(state, np.array([[4e-4], [-3e-4], [5e-4]]) * surface, 8))
+    # as a search finds it, axis by axis
+    alone = [g for g in search.groups if g.place == "offset" and set(g.depends_on) == {"inc", "temp"}]
+    white = search._whitened(search._learn([], search.problem.residual)).of_groups(alone)
+    terms = [LawTerm(group, prior) for group, prior in zip(alone, white.scores([], within=np.inf)[1], strict=True)]
+    found = search._found(search._on_all_axes(search._learn(terms, search.problem.residual)))
+    assert [(place, channel, set(names)) for place, channel, names in kinds(found)] == [
+        ("offset", "xyz", {"inc", "temp"})
+    ]
+
+
 def test_a_law_that_sets_in_midway_is_found_with_its_onset() -> None:
     state = session(9, 80)
     began = float(state.t_s[36])

@@ -7,7 +7,7 @@ several, in the place where it acts.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 from highside.diagnosis.laws.evidence import LawTerm
 from highside.diagnosis.laws.groups import (
@@ -22,6 +22,7 @@ from highside.diagnosis.laws.groups import (
 from highside.diagnosis.laws.policy import LAW_GROUPS
 from highside.diagnosis.laws.problem import LawProblem, PlaceField
 from highside.physics.covariates import COVARIATES, lag_of
+from highside.physics.effect import AXES
 
 TURNED = frozenset({"toolface", "timing"})
 """places that do the same where a rate is among what they follow"""
@@ -46,6 +47,25 @@ def further_pairs(problem: LawProblem, groups: Sequence[LawGroup], terms: Sequen
                     have.add(key)
                     made.append(product_group((unit,), pair, known, bases, tries))
     return made
+
+
+def on_all_axes(problem: LawProblem, terms: Sequence[LawTerm]) -> list[LawGroup]:
+    """Products of what laws of the zero offset follow and every other covariate but loads, on all axes together, each
+    in its own way; none where there is one such law, of one axis."""
+    units = tuple(place for place in problem.places if place.place == "offset")
+    own = [term.group for term in terms if term.group.place == "offset" and not term.group.effect]
+    if len(units) < len(AXES) or len(own) < 2 - any(len(group.units) > 1 for group in own):
+        return []
+    bases = Bases(problem)
+    known = {
+        name: (values, distinct)
+        for name, values, distinct in bases.varying(units)
+        if not name.startswith(("load", "previous_load"))
+    }
+    followed = dict.fromkeys(name for group in own for name in group.depends_on if name in known)
+    tries = max(LAW_GROUPS.pairs, len(known) * (len(known) - 1) // 2)
+    pairs = dict.fromkeys(pair for name in followed for pair in _pairs_of(name, known))
+    return [product_group(units, pair, known, bases, tries) for pair in pairs]
 
 
 def elsewhere(problem: LawProblem, groups: Sequence[LawGroup], terms: Sequence[LawTerm]) -> list[LawGroup]:
@@ -81,17 +101,17 @@ def _alike(problem: LawProblem, group: LawGroup) -> Iterator[PlaceField]:
 
 def _pairs(group: LawGroup, known: Sequence[str]) -> Iterator[tuple[str, str]]:
     """What a group follows and each other covariate; a product itself in every place."""
-    places = {name: k for k, name in enumerate(COVARIATES)}
     followed = [name for name in group.depends_on if name != "tf_fraction"]
     for one in followed:
-        for other in (*followed, *known):
-            # a surface over the session's time is whatever happened in it
-            lags = lag_of(other) and other not in followed
-            if (
-                other in (one, "tf_fraction", "time")
-                or one == "time"
-                or lags
-                or any({one, other} <= same for same in ONE_QUANTITY)
-            ):
-                continue
-            yield tuple(sorted((one, other), key=lambda name: places.get(name, len(places))))  # type: ignore[misc]
+        yield from _pairs_of(one, [name for name in (*followed, *known) if name in followed or not lag_of(name)])
+
+
+def _pairs_of(one: str, known: Iterable[str]) -> Iterator[tuple[str, str]]:
+    """A covariate and each other."""
+    places = {name: k for k, name in enumerate(COVARIATES)}
+    for other in known:
+        # a surface over the session's time is whatever happened in it
+        same = any({one, other} <= quantity for quantity in ONE_QUANTITY)
+        if one != "time" and other not in (one, "tf_fraction", "time") and not same:
+            first, second = sorted((one, other), key=lambda name: places.get(name, len(places)))
+            yield first, second

@@ -106,6 +106,7 @@ class Search(Starts):
             one = self._from_curves(self._from_between(one))
         elif self._variants:
             one = self._from_pairs(one)
+        one = self._on_all_axes(one) if self.problem.every_pair and self._variants else one
         one = self._from_its_noise(one)
         one = self._from_products(one) if self._variants else one
         if not self._variants:

@@ -14,7 +14,7 @@ from highside.diagnosis.laws.few_values_policy import FEW_VALUES
 from highside.diagnosis.laws.groups import LawGroup
 from highside.diagnosis.laws.noise import LawNoise, Whitener
 from highside.diagnosis.laws.onsets import Onsets, begun, sets_in
-from highside.diagnosis.laws.pairs import further_pairs
+from highside.diagnosis.laws.pairs import further_pairs, on_all_axes
 from highside.diagnosis.laws.policy import LAW_SEARCH
 from highside.diagnosis.laws.products import best_products, is_more_than
 from highside.diagnosis.laws.state import State, which
@@ -183,6 +183,24 @@ class Starts(Steps):
                 break
             best = made
         return best
+
+    def _on_all_axes(self, best: State) -> State:
+        """What was found, or a product on all axes in the place of its laws of the zero offset, and what goes with it,
+        where that does better: found axis by axis it is several laws, or the two curves that are most of it."""
+        more = on_all_axes(self.problem, best.terms)
+        if not more or (len(best.terms) < 2 and self._quiet(best)):
+            return best
+        others = [term for term in best.terms if term.group.place != "offset" or term.group.effect]
+        self.groups = [*self.groups, *more]
+        self.families = self.families.of(self.groups, self.families.barred)
+        gains, priors = self._whitened(best).of_groups(more).scores(others, within=np.inf)
+        likeliest = [i for i in np.argsort(-gains)[: LAW_SEARCH.most_rivals] if np.isfinite(gains[i])]
+        tried = [self._learn([*others, LawTerm(more[i], priors[i])], self.problem.residual) for i in likeliest]
+        if not tried:
+            return best
+        start = self._settled(max(tried, key=lambda s: s.less_tries))
+        made = self._proved(self._grown(self._proved(start), relearn=True))
+        return made if made.less_tries > best.less_tries + LAW_SEARCH.rival_gain else best
 
     def _from_its_noise(self, best: State) -> State:
         """What was found, or what begins anew without any law beside the noise that was learnt last, and does better:

@@ -87,6 +87,8 @@ class Steps:
         if not state.terms:
             return state
         if not relearn:
+            # of a state that has as many as may be taken nothing was scored
+            white = self._whitened(state)
             return replace(state, terms=self._varied(state, self._refitted_with_rivals(white, state.terms)))
         terms = self._varied(state, state.terms)
         varied = state if which(terms) == which(state.terms) else self._learn(terms, self.problem.residual)
