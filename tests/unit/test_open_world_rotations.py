@@ -10,6 +10,7 @@ FURTHER = pytest.mark.further
 
 WHERE_ROWS_ARE = "06f31f0a752188b81e127ebd1beb876e580300d2"
 PAIRS = "66ff7ef17a204d806ec138e48a9793a8c0c0dbe3"
+SEVERAL = "e266825cd4db4ada570d642751ea3f26b1d87403"
 
 
 @pytest.mark.parametrize(
@@ -45,3 +46,11 @@ def test_an_effect_of_the_library_has_its_name_and_no_other(name: str, effect: s
     assert [claim["effect"] for claim in claims if claim["effect"] != "wander"] == [effect]
     if effect == "bias_step":
         assert claims[0]["parameters"]["t0"]["value"] == pytest.approx(299.9, abs=0.2)
+
+
+@FURTHER
+def test_of_three_effects_no_surface_stands_for_two(tmp_path: Path) -> None:
+    # a surface of toolface and rate held an eccentric encoder and a late clock, 8 nats behind the three names
+    row = score.run_case(score.every_case(SEVERAL, ("table",))["table/three in rotation/1"](), tmp_path)
+    assert row["answer"]["verdict"] == "named"
+    assert {"encoder_first_harmonic", "time_offset"} <= {claim["effect"] for claim in row["answer"]["claims"]}

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from highside.diagnosis.core.result import Claim
-from highside.diagnosis.law_sessions import LawSession
+from highside.diagnosis.law_sessions import ChainSession, LawSession
 from highside.diagnosis.laws.claims import effects_of, named_claim
 from highside.diagnosis.laws.found import Found
 from highside.diagnosis.laws.groups import LawGroup
@@ -45,14 +45,16 @@ def with_names_instead(
 def from_names(
     session: LawSession, model: ForwardModel, search: Search, found: Found, refused: frozenset[str]
 ) -> Found:
-    """What a search of stepped sessions found, or what begins with names alone, of all that the library has, goes on
-    among names and laws, and does better; none of those `refused`.
+    """What a search found, or what begins with names alone, of all that the library has, goes on among names and laws,
+    and does better; none of those `refused`.
 
-    Of several effects a curve or a surface holds parts of two, and bars the names of both.
+    Of several effects a curve or a surface holds parts of two, and bars the names of both: of a rotation a surface,
+    where the columns of all effects take their time. Where only |g| is known, closed forms are held beside a name.
     """
     laws = [term.group for term in found.terms if not term.group.effect]
-    several = len(found.terms) > 1 or any(len(group.axes) > 1 for group in laws)
-    if not (found.problem.every_pair and laws and several):
+    surface = any(len(group.axes) > 1 for group in laws)
+    several = surface or (found.problem.every_pair and len(found.terms) > 1)
+    if not (isinstance(session, ChainSession) and laws and several):
         return found
     offered = [name for name in library.all_effects() if name not in refused]
     names: list[LawGroup] = [group for name in offered for group in name_groups(session, model, name)]
