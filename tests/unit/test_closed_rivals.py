@@ -74,8 +74,10 @@ def test_a_name_that_grows_beyond_its_plausible_range_is_refused_by_name(seed: i
     """A modulus and a square of 20 mg and more: laws do not take what the name explains, and what an offset
     that was fitted without it does to |g| beyond first order is no law."""
     case = hand_outsiders.case("effects", seed, 1e6)
-    found = highside.diagnose(case.columns, MODEL).to_dict()
+    made = highside.diagnose(case.columns, MODEL)
+    found = made.to_dict()
     assert found["verdict"] == "implausible_fit"
+    assert re.search(r"The misfit is [\d.]+ mg rms beyond the noise", verdict_words(made.found))
     assert found["remainder"]["resembles"][0] == case.name
     assert "of a size that no instrument has" in found["remainder"]["hints"][0]
 

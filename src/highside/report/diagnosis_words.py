@@ -117,8 +117,9 @@ def verdict_words(diagnosis: DiagnosisResult) -> str:
             high=f"{octaves[-1]['to_hz']:.2g}",
             what=_(" and ").join(_hidden(one) for one in moving),
         )
-    if diagnosis.verdict in UNNAMED and diagnosis.fit is not None and (size := what_is_left(diagnosis.fit)):
-        return f"{_(VERDICTS[diagnosis.verdict])} {size}"
+    if diagnosis.verdict in UNNAMED and diagnosis.fit is not None:
+        size = what_is_left(diagnosis.fit, explained=diagnosis.verdict == "implausible_fit")
+        return f"{_(VERDICTS[diagnosis.verdict])} {size}".rstrip()
     effects = all_effects()
     hidden = {n: s for n, s in diagnosis.minimum_detectable.items() if n in effects and effects[n].slow}
     if diagnosis.verdict != "nothing_left_out" or "repeats_g" not in diagnosis.noise or not hidden:
@@ -127,8 +128,9 @@ def verdict_words(diagnosis: DiagnosisResult) -> str:
     return _("No effect was found. What is smaller than this would not show: %(sizes)s.", sizes=sizes)
 
 
-def what_is_left(fit: Fit) -> str:
-    """How large a misfit without a name is, as a sentence that gives the noise too; nothing where that is not known."""
+def what_is_left(fit: Fit, *, explained: bool = False) -> str:
+    """How large a misfit without a name is, as a sentence that gives the noise too; nothing where that is not known.
+    `explained`: something would explain it."""
     noise = fit.noise_floor if fit.row_noise is None else fit.row_noise
     if not (math.isfinite(fit.rmse_before) and noise > 0.0):
         return ""
@@ -139,11 +141,10 @@ def what_is_left(fit: Fit) -> str:
             share=f"{HARDLY:g}",
             noise=shown(noise, fit.unit),
         )
-    return _(
-        "It is %(size)s rms beyond the noise of a reading, which is %(noise)s.",
-        size=shown(beyond, fit.unit),
-        noise=shown(noise, fit.unit),
-    )
+    sizes = {"size": shown(beyond, fit.unit), "noise": shown(noise, fit.unit)}
+    if explained:
+        return _("The misfit is %(size)s rms beyond the noise of a reading, which is %(noise)s.", **sizes)
+    return _("It is %(size)s rms beyond the noise of a reading, which is %(noise)s.", **sizes)
 
 
 def _hidden(motion: Mapping[str, Any]) -> str:
@@ -175,7 +176,7 @@ def _covariate(name: str) -> str:
     return name if known is None else f"{told(known.title)}, {known.unit}".rstrip(", ")
 
 
-UNNAMED = ("unknown", "partial")
+UNNAMED = ("unknown", "partial", "implausible_fit")
 """verdicts whose sentence gives the size of what has no name"""
 HARDLY = 0.3
 """Share of the noise below which a misfit beside it is not told to a digit: it then adds 4 % to the rms."""
