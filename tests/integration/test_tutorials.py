@@ -52,7 +52,14 @@ def answer(path: Path) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize(
-    "name", ["dent", "glue", pytest.param("supply", marks=FURTHER), "arm", pytest.param("ring", marks=FURTHER)]
+    "name",
+    [
+        "dent",
+        pytest.param("glue", marks=FURTHER),
+        pytest.param("supply", marks=FURTHER),
+        "arm",
+        pytest.param("ring", marks=FURTHER),
+    ],
 )
 def test_from_a_law_to_a_name(name: str, tmp_path: Path) -> None:
     expected = TUTORIAL[name]
