@@ -37,11 +37,12 @@ def with_shares(
 
 
 def beside_laws(remainder: Remainder, claimed: Collection[str] = ()) -> Remainder:
-    """What is told where laws are claimed: what they resemble, and which names have no constant size."""
+    """What is told where laws are claimed: what they resemble, and which names have no constant size. Of names that are
+    `claimed` since neither is told: beside the others their size is a constant."""
     return Remainder(
-        hints=remainder.hints[: len(remainder.changing)],
+        hints=tuple(h for n, h in zip(remainder.changing, remainder.hints, strict=False) if n not in claimed),
         resembles=tuple(n for n in remainder.resembles if n in library.registry() and n not in claimed),
-        changing=remainder.changing,
+        changing=tuple(n for n in remainder.changing if n not in claimed),
     )
 
 
