@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -38,7 +39,7 @@ def new_effect(
     if path.exists():
         raise InputError("is there already", where=str(path), remedy="give another id, or remove it")
     # an effect of other recordings: what set in during this one acts all the time there
-    found = Law.from_dict(claim["law"], where).lasting()
+    found = _as_it_acts(Law.from_dict(claim["law"], where).lasting())
     known = [name for name in claim.get("resembles") or [] if name in all_effects()]
     words = Words(
         source=where or "a diagnosis",
@@ -58,6 +59,16 @@ def new_effect(
         path.unlink(missing_ok=True)
         raise
     return path
+
+
+def _as_it_acts(law: Law) -> Law:
+    """The law without the functions that are there for its band alone: their coefficients are 0."""
+    acting = [k for k, each in enumerate(zip(*law.coefficients, strict=True)) if any(each)]
+    if len(law.axes) > 1 or not acting:
+        return law
+    axis = replace(law.axes[0], functions=tuple(law.axes[0].functions[k] for k in acting))
+    coefficients = tuple(tuple(row[k] for k in acting) for row in law.coefficients)
+    return replace(law, axes=(axis,), coefficients=coefficients, covariance=())
 
 
 def _answer(diagnosis: File | Mapping[str, Any] | Diagnosis) -> tuple[str | None, Mapping[str, Any]]:

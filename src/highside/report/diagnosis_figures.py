@@ -117,11 +117,13 @@ def over_time(report_data: ReportData) -> Picture:
 
 
 def law_curve(curve: Curve, label: str) -> Picture:
-    """A smooth law over its covariate with twice its standard deviation."""
+    """A smooth law over its covariate with twice its standard deviation, shaded where nothing was read."""
     picture = Picture(1, 1, height=2.6)
     panel = picture.panels[0][0]
     size, unit = scale_of(max((abs(v) for v in curve.value), default=0.0), curve.unit)
     grid, value, std = (np.asarray(v, dtype=float) for v in (curve.grid, curve.value, curve.std))
+    for low, high in curve.unread:
+        panel.add(Strip(low, high, SHADE, 0.18, upright=True))
     panel.add(
         Area(grid, size * (value - 2 * std), size * (value + 2 * std), AFTER, 0.2),
         Level(0.0, SHADE),

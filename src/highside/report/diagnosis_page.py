@@ -213,11 +213,14 @@ def _curve_caption(claim: Claim, *, pair: bool) -> str:
     if claim.shape_within:
         share = f"{100 * claim.shape_within:.0f}"
         within = " " + _("Another shape within %(share)s %% of it fits as well.", share=share)
-    drawn = (
-        _("The law that was found, over both of what it follows, and how uncertain it is.")
-        if pair
-        else _("The law that was found, with twice its standard deviation as a band.")
-    )
+    if pair:
+        drawn = _("The law that was found, over both of what it follows, and how uncertain it is.")
+    elif claim.law is not None and claim.law.get("formula"):
+        drawn = _("The formula that was found, with twice the standard deviation of a curve in its place as a band.")
+    else:
+        drawn = _("The law that was found, with twice its standard deviation as a band.")
+    if not pair and claim.curve is not None and claim.curve.unread:
+        drawn += " " + _("Nothing was read where it is shaded: there it follows from its neighbours alone.")
     beyond = _("Beyond the range that was visited nothing is known of it.")
     return f"{drawn} {beyond}{within}"
 

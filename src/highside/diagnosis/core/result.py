@@ -67,7 +67,10 @@ class Curve:
     grid: tuple[float, ...]
     value: tuple[float, ...]
     std: tuple[float, ...]
+    """where a formula is told that of the curve in whose place it stands, with the distance of the two"""
     unit: str
+    unread: tuple[tuple[float, float], ...] = ()
+    """wide stretches of the covariate without a reading: what the law does there follows from its smoothness alone"""
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from highside.diagnosis.core.regression import flattened, projected
-from highside.diagnosis.laws.claims import slice_of
+from highside.diagnosis.laws.curves import slice_of
 from highside.diagnosis.laws.evidence import raw_columns
 from highside.diagnosis.laws.found import Found
 from highside.diagnosis.laws.policy import LAW_REPORT

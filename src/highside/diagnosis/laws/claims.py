@@ -12,13 +12,14 @@ from numpy.typing import NDArray
 from highside.arrays import Array
 from highside.diagnosis.core.finding_policy import STABILITY
 from highside.diagnosis.core.regression import flattened, projected
-from highside.diagnosis.core.result import Claim, Curve, FittedParameter
+from highside.diagnosis.core.result import Claim, FittedParameter
 from highside.diagnosis.laws.acting import known_where_it_acted
+from highside.diagnosis.laws.curves import curve_of, law_of_group, slice_of, with_band
 from highside.diagnosis.laws.effects import EffectGroup
 from highside.diagnosis.laws.evidence import LawTerm, Whitened, raw_columns
 from highside.diagnosis.laws.formulas import Closed, closed_form
 from highside.diagnosis.laws.found import Found
-from highside.diagnosis.laws.groups import LawGroup, is_wave, values_of
+from highside.diagnosis.laws.groups import is_wave
 from highside.diagnosis.laws.nested import joined, nested
 from highside.diagnosis.laws.policy import LAW_REPORT
 from highside.diagnosis.laws.products import ProductGroup, coefficients_of
@@ -29,7 +30,6 @@ from highside.diagnosis.laws.together import told_together
 from highside.physics.covariates import covariate
 from highside.physics.effect import Effect
 from highside.physics.law import PREFIX, Law, slug_beside
-from highside.physics.places import PLACES
 from highside.special import chdtrc
 
 Bools = NDArray[np.bool_]
@@ -82,12 +82,13 @@ def reported_laws(found: Found, taken: Iterable[str] = ()) -> list[ReportedLaw]:
         else:
             # a formula that holds with all else moved alone is none
             closed = None if k in sure else closed
-            law = _law(terms[k].group, curves[k], covariance[part, part])
+            law = law_of_group(terms[k].group, curves[k], covariance[part, part])
             effect = np.tensordot(curves[k], raw_columns(found.problem, [terms[k]]), 1)
         law = known_where_it_acted(found.problem, terms[k].group, replace(law, slug=slug_beside(law.slug, ids)))
         ids.add(law.id)
         gain = partial(heldout, white, terms, k)
-        told_of = partial(_claim, found, white, terms, k, law, closed, shares[k], gain, effect)
+        banded = partial(with_band, found, white, terms, k)
+        told_of = partial(_claim, found, white, terms, k, law, closed, shares[k], gain, effect, banded)
         made.append(ReportedLaw(law, effect, shares[k], told_of))
     return sorted(made, key=lambda one: -one.share)
 
@@ -97,7 +98,7 @@ def _as_one(
 ) -> ReportedLaw:
     """Several terms as one law: the first, of which the others are a part, with their sum."""
     white, terms, k = found.whitened(), list(found.terms), numbers[0]
-    laws = [_law(terms[i].group, curves[i], np.zeros((0, 0))) for i in numbers]
+    laws = [law_of_group(terms[i].group, curves[i], np.zeros((0, 0))) for i in numbers]
     rows = np.concatenate([np.arange(covariance.shape[0])[slice_of(found, terms, i)] for i in numbers])
     # of a product the coefficients of the surface that it is
     turns = [coefficients_of(terms[i].group) for i in numbers]
@@ -134,26 +135,6 @@ def effects_of(found: Found, names: bool = False) -> dict[int, Array]:
         k: np.tensordot(mean[slice_of(found, terms, k)], raw_columns(found.problem, [terms[k]]), 1)
         for k in sorted(numbers, key=lambda k: -shares[k])
     }
-
-
-def slice_of(found: Found, terms: list[LawTerm], k: int) -> slice:
-    """Where a term's coefficients stand among those of all that is free and of the terms."""
-    start = len(found.problem.free) + sum(t.group.size for t in terms[:k])
-    return slice(start, start + terms[k].group.size)
-
-
-def _law(group: LawGroup, mean: Array, covariance: Array) -> Law:
-    turn = coefficients_of(group)
-    rows = (turn @ mean).reshape(len(group.units), -1)
-    covariance = turn @ covariance @ turn.T if covariance.size else covariance
-    return Law(
-        group.label,
-        group.place,
-        tuple(u.channel for u in group.units),
-        group.surface if isinstance(group, ProductGroup) else group.axes,
-        tuple(tuple(float(v) for v in row) for row in rows),
-        tuple(tuple(float(v) for v in row) for row in covariance),
-    )
 
 
 def _shares(white: Whitened, terms: list[LawTerm]) -> list[float]:
@@ -377,6 +358,7 @@ def _claim(
     share: float,
     gain: Callable[[], float],
     effect: Array,
+    banded: Callable[[Law], Law] = lambda law: law,
 ) -> Claim:
     group = terms[k].group
     strength = float(np.sum(white.whitener.white(effect[None]) ** 2))
@@ -392,6 +374,7 @@ def _claim(
     formula = closed.text or None if closed is not None else None
     rms, rms_std = size_beside_free(white, effect, group.channels)
     shapes = tuple(f.kind for axis in law.axes for f in axis.functions) if law.formula or wave else ()
+    told = banded(law)
     return Claim(
         effect=law.id,
         story=f"{law.at.title}, following {words}: no effect of the library, a law learnt from this recording.",
@@ -409,11 +392,11 @@ def _claim(
         shape_within=float(np.sqrt(LAW_REPORT.unseen / max(strength, LAW_REPORT.unseen))),
         place=law.place,
         depends_on=law.depends_on,
-        curve=curve_of(found, group, law),
+        curve=curve_of(found, group, told),
         range=tuple((axis.low, axis.high) for axis in law.axes),
         readings=readings_of(law.place, law.depends_on, shapes),
         confirm=confirm,
-        law=law.to_dict(),
+        law=told.to_dict(),
         rms=rms,
         rms_std=rms_std,
     )
@@ -433,15 +416,3 @@ def size_beside_free(white: Whitened, effect: Array, channels: tuple[int, ...]) 
     left = effect - projected(free, (effect / problem.floor).reshape(-1)).reshape(effect.shape) * problem.floor
     rms = float(np.sqrt(np.mean(left[list(channels)] ** 2)))
     return rms, rms / float(np.sqrt(max(strength, 1.0)))
-
-
-def curve_of(found: Found, group: LawGroup, law: Law) -> Curve:
-    """The law of its first channel over its first covariate, the second at its median, or where it has set in."""
-    axis = law.axes[0]
-    grid = np.linspace(axis.low, axis.high, LAW_REPORT.grid)
-    at = [grid]
-    for other in law.axes[1:]:
-        middle = float(np.median(values_of(found.problem, other.covariate, group.units[0])))
-        at.append(np.full(grid.size, other.high if other.sets_in else middle))
-    value, std = law.value(at), law.std(at)
-    return Curve(tuple(map(float, grid)), tuple(map(float, value)), tuple(map(float, std)), PLACES[law.place].unit)

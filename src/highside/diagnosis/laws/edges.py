@@ -13,11 +13,11 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from highside.arrays import Array
-from highside.diagnosis.laws.edges_policy import EDGES
 from highside.diagnosis.laws.evidence import LawTerm, Whitened
 from highside.diagnosis.laws.families import Families
 from highside.diagnosis.laws.groups import SETS_IN, Bases, LawGroup, each_place
 from highside.diagnosis.laws.noise import LawNoise, Whitener
+from highside.diagnosis.laws.onsets_policy import EDGES
 from highside.diagnosis.laws.policy import LAW_GROUPS, LAW_SEARCH
 from highside.diagnosis.laws.priors import Prior
 from highside.diagnosis.laws.problem import LawProblem

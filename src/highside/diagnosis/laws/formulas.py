@@ -77,9 +77,10 @@ def forms_of(name: str, values: Array) -> Iterator[_Form]:
     if name == "time":
         starts = [low, *inner[1:-1]]
         yield _Form("decay", [(Function("decay", (c, w)),) for c in starts for w in widths], 3)
-    # with fewer values over its period a wave is whatever passes through them
-    apart = float(np.median(np.diff(visited))) * LAW_GROUPS.distinct * width
-    periods = [width / k for k in LAW_FORMULAS.waves if width / k >= LAW_FORMULAS.sampled * apart]
+    # with fewer values over its period a wave is whatever passes through them, and so where none is over half of one
+    steps = np.diff(visited) * LAW_GROUPS.distinct * width
+    least = max(LAW_FORMULAS.sampled * float(np.median(steps)), LAW_FORMULAS.unseen * float(steps.max()))
+    periods = [width / k for k in LAW_FORMULAS.waves if width / k >= least]
     if periods:
         yield _Form("sine", [(Function("sine", (p,)), Function("cosine_of", (p,))) for p in periods], 3)
     yield _Form("bump", [(Function("bump", (c, w)),) for c in inner for w in widths[: LAW_FORMULAS.narrow]], 3)

@@ -23,7 +23,7 @@ import numpy as np
 
 from highside.arrays import Array
 from highside.diagnosis.laws.chain import CHANNELS, OF_POSES, covariate_values, place_fields
-from highside.diagnosis.laws.claims import ReportedLaw, curve_of, proved, reported_laws
+from highside.diagnosis.laws.claims import ReportedLaw, proved, reported_laws
 from highside.diagnosis.laws.classes import Class
 from highside.diagnosis.laws.course import (
     SINCE,
@@ -36,6 +36,7 @@ from highside.diagnosis.laws.course import (
     decay_course,
     of_unit_size,
 )
+from highside.diagnosis.laws.curves import curve_of
 from highside.diagnosis.laws.found import Found
 from highside.diagnosis.laws.groups import Bases, LawGroup, axis_of, each_place, varying
 from highside.diagnosis.laws.policy import LAW_GROUPS, LAW_SEARCH

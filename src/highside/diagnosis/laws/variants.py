@@ -14,7 +14,6 @@ import numpy as np
 
 from highside.arrays import Array
 from highside.diagnosis.laws.classes_policy import LAW_CLASS
-from highside.diagnosis.laws.edges_policy import EDGES
 from highside.diagnosis.laws.groups import (
     SETS_IN,
     LawGroup,
@@ -24,6 +23,7 @@ from highside.diagnosis.laws.groups import (
     product_of,
     values_of,
 )
+from highside.diagnosis.laws.onsets_policy import EDGES
 from highside.diagnosis.laws.policy import LAW_GROUPS
 from highside.diagnosis.laws.problem import LawProblem, functions_of
 from highside.physics.covariates import COVARIATES
