@@ -14,6 +14,7 @@ from highside.arrays import Array
 from highside.config.model import Model
 from highside.diagnosis.laws.curves import unread
 from highside.diagnosis.laws.formulas_policy import LAW_CURVES
+from highside.physics.law import Law
 
 SIGMA = 5e-5
 MODEL = Model.model_validate({"sensor": {"noise_g": SIGMA}})
@@ -52,6 +53,9 @@ def test_the_band_of_a_law_holds_what_is_true_where_nothing_was_read(shape: Call
     off = value - shape(grid)
     off -= np.interp(PLATEAUS, grid, off).mean()
     assert np.all(np.abs(off) <= 3.0 * std)
+    # what the model file has of it, and the live correction takes
+    assert claim.law is not None
+    assert Law.from_dict(claim.law).std([grid]) == pytest.approx(std, rel=1e-3)
     between = (grid > 25.0) & (grid < 39.0)
     at_plateaus = np.interp(PLATEAUS, grid, std)
     assert std[between].max() > 3.0 * at_plateaus.min()

@@ -80,6 +80,12 @@ def answer(*laws: dict[str, Any], **claim: Any) -> dict[str, Any]:
     return {"verdict": "law", "claims": claims}
 
 
+BANDED = {
+    **LOAD, "slug": "banded", "coefficients": [[-3e-4, 0.0, 0.0], [2e-4, 0.0, 0.0]],
+    "axes": [{**LOAD["axes"][0], "functions": [["power", 0.0, 2.5], ["one"], ["wide_cosine", 1]]}],
+}  # fmt: skip
+
+
 def rows() -> ChainState:
     """Rows within and beyond the range that was visited, poses and rates of all kinds."""
     k = np.arange(120.0)
@@ -189,3 +195,12 @@ def test_an_answer_of_an_earlier_version_is_learnt_from_all_the_same(tmp_path: P
         file.write_text(json.dumps(found))
         texts.append(new_effect(file, "as_ever", tmp_path / folder).read_text())
     assert texts[0] == texts[1]
+
+
+def test_what_a_law_has_for_its_band_alone_is_left_away(tmp_path: Path, clean: None) -> None:
+    made = {}
+    for law in (LOAD, BANDED):
+        folder = tmp_path / law["slug"]
+        made[law["slug"]] = new_effect(answer(law), "mine", folder).read_text()
+    assert made["banded"] == made["load"]
+    assert "wide_cosine" not in made["banded"]

@@ -5,7 +5,9 @@
 An axis is a covariate (`covariates.COVARIATES`, or a numeric column's own name) with the range that was visited and
 the functions of it; several axes stand for all products of their functions. What the value does in the chain the place
 says (`places.PLACES`). A closed formula is the same with functions that have one (power, step, decay ...). Beyond the
-range that was visited nothing is known: the value falls to 0, the mean of the prior, and `inside` says so.
+range that was visited nothing is known: the value falls to 0, the mean of the prior, and `inside` says so. Functions
+with coefficients of 0 are there for the covariance: the band of a law also holds the curves that its recording has as
+well.
 
 In a file (model file `[[laws]]`, `claims[].law` of `diagnosis.json`) a law is plain values:
 
