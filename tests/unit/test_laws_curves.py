@@ -12,9 +12,10 @@ from hypothesis import strategies as st
 from highside.api.diagnosis import diagnose
 from highside.arrays import Array
 from highside.config.model import Model
-from highside.diagnosis.laws.curves import unread
+from highside.diagnosis.laws.curves import ONE, unread
 from highside.diagnosis.laws.formulas_policy import LAW_CURVES
-from highside.physics.law import Law
+from highside.physics.law import Axis, Law
+from highside.physics.law_functions import Function
 
 SIGMA = 5e-5
 MODEL = Model.model_validate({"sensor": {"noise_g": SIGMA}})
@@ -87,3 +88,14 @@ def test_what_was_not_read_holds_no_reading(read: list[float], comes_round: bool
 def test_all_but_one_toolface_unread_comes_round() -> None:
     found = unread(np.array([90.0, 100.0]), 0.0, 360.0, comes_round=True)
     assert found == ((0.0, 90.0), (100.0, 360.0))
+
+
+@pytest.mark.parametrize("kind", ["cosine", "wide_cosine"])
+@pytest.mark.parametrize("before", [(), (ONE,), (Function("bump", (30.0, 4.0)), ONE), (Function("step", (2.0,)),)])
+def test_waves_that_are_computed_together_are_those_one_by_one(kind: str, before: tuple[Function, ...]) -> None:
+    waves = tuple(Function(kind, (float(order),)) for order in range(1, 17))
+    axis = Axis("temp", 15.0, 60.0, (*before, *waves))
+    at = np.linspace(5.0, 70.0, 301)
+    held, fall = axis.held(at)
+    each = np.stack([function(held, (axis.low, axis.high)) for function in axis.functions]) * fall
+    assert axis.basis(at) == pytest.approx(each, abs=1e-12)

@@ -80,8 +80,8 @@ class Axis:
         span, (held, fall) = (self.low, self.high), self.held(u)
         if count := self._consecutive:
             wide = wider(span) if self.functions[-1].kind == "wide_cosine" else span
-            constant = np.ones((len(self.functions) - count, held.size))
-            return np.asarray(np.concatenate([constant, cosines_up_to(held, wide, count)]) * fall)
+            others = [f(held, span)[None] for f in self.functions[:-count]]
+            return np.asarray(np.concatenate([*others, cosines_up_to(held, wide, count)]) * fall)
         if self._orders is not None:
             waves = FUNCTIONS[self.functions[0].kind][0]
             return np.asarray(waves(held, span, self._orders) * fall)
@@ -96,11 +96,12 @@ class Axis:
 
     @cached_property
     def _consecutive(self) -> int:
-        """How many cosines of orders 1, 2, ... the functions are, behind a constant or not; 0 where they are others."""
-        waves = self.functions[1:] if self.functions and self.functions[0].kind == "one" else self.functions
-        kinds, orders = {f.kind for f in waves}, [f.numbers for f in waves]
-        regular = orders == [(float(k),) for k in range(1, len(waves) + 1)]
-        return len(waves) if regular and kinds in ({"cosine"}, {"wide_cosine"}) else 0
+        """How many cosines of orders 1, 2, ... the functions end with, if no other is a cosine of the range; else 0."""
+        ranged = ("cosine", "wide_cosine")
+        first = next((k for k, f in enumerate(self.functions) if f.kind in ranged), len(self.functions))
+        waves = self.functions[first:]
+        regular = [f.numbers for f in waves] == [(float(k),) for k in range(1, len(waves) + 1)]
+        return len(waves) if regular and {f.kind for f in waves} in ({"cosine"}, {"wide_cosine"}) else 0
 
     def held(self, u: AnyArray) -> tuple[AnyArray, AnyArray]:
         """Values (n,) held within the range, and the factors (n,) by which what lies beyond it falls off."""
