@@ -42,8 +42,8 @@ def law_of_group(group: LawGroup, mean: Array, covariance: Array) -> Law:
 
 
 def with_band(found: Found, white: Whitened, terms: Sequence[LawTerm], k: int, law: Law) -> Law:
-    """The law of a term of one quantity with the covariance of all curves that the recording has as well; of several
-    quantities itself.
+    """The law of a term of one quantity with the covariance of all curves that the recording has as well, in the square
+    of the unit of its place; of several quantities itself.
 
     A curve under another prior, with more waves than few values tell apart, is as likely as the one that is told, and
     differs from it where nothing was read. A formula's own covariance holds its places, widths and periods as known,
@@ -51,7 +51,7 @@ def with_band(found: Found, white: Whitened, terms: Sequence[LawTerm], k: int, l
     what it is from them, each with the share of its evidence.
     """
     own = terms[k]
-    if len(law.axes) > 1 or not own.group.orders.any():
+    if len(law.axes) > 1 or len(own.group.axes) > 1 or not own.group.orders.any():
         return law
     group, units = _with_all_waves(found.problem, own.group), len(law.channels)
     told, (span,) = law.axes[0].functions, group.axes
