@@ -15,6 +15,7 @@ import pytest
 from highside.cli.main import main
 from highside.recording.table import read_recording, write_recording
 
+FURTHER = pytest.mark.further
 TRUTH = """
 [sensor]
 noise_g = 80e-6
@@ -83,6 +84,7 @@ def test_a_time_offset_is_distinguished_from_a_lag_by_the_gyros(tmp_path: Path) 
     assert {"time_offset", "bandwidth_lag"} <= set(found["claims"][0]["equivalence_class"])
 
 
+@FURTHER
 @pytest.mark.slow
 @pytest.mark.timeout(1800)
 def test_four_strong_effects_of_the_sample_model_are_reported_with_their_sizes(tmp_path: Path) -> None:

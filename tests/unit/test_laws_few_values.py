@@ -13,6 +13,7 @@ DECK = "6e7a83282220bb7c572626125f35237d45e292c7"
 """whose cases set the numbers (`highside.diagnosis.laws.few_values_policy`)"""
 
 
+@FURTHER
 @pytest.mark.parametrize(
     ("name", "poses", "depends_on", "closed"),
     [pytest.param("law/022", 21, ["tf"], 0.9, marks=FURTHER), ("law/092", 20, ["temp"], 0.5)],

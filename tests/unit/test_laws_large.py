@@ -50,7 +50,9 @@ def test_a_law_is_no_larger_than_the_misfit_that_it_is() -> None:
     assert left == pytest.approx([misfit, misfit], rel=0.02)
 
 
-@pytest.mark.parametrize("name", ["null/006", pytest.param("null/052", marks=FURTHER), "null/066"])
+@pytest.mark.parametrize(
+    "name", [pytest.param("null/006", marks=FURTHER), pytest.param("null/052", marks=FURTHER), "null/066"]
+)
 def test_a_walk_of_poses_is_no_law(name: str, tmp_path: Path) -> None:
     row = score.run_case(score.every_case(SEED, ("null",))[name](), tmp_path)
     assert row["answer"]["verdict"] == "wander"

@@ -67,6 +67,7 @@ def test_two_laws_of_one_place(seed: int) -> None:
     assert told(seed, inclination_over_two) == {("inclination", ("inc",)), ("inclination", ("temp",))}
 
 
+@FURTHER
 @pytest.mark.parametrize("seed", [pytest.param(43, marks=FURTHER), 47, pytest.param(51, marks=FURTHER)])
 def test_two_laws_of_one_axis(seed: int) -> None:
     assert told(seed, offset_and_scale) == {("offset", ("load_x",)), ("scale", ("inc",))}

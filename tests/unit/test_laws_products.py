@@ -17,6 +17,7 @@ SEED = "925c2d2d27532b4dde268f156b02263ff139bce2"
 MODEL = {"sensor": {"free": ["bias", "scale", "misalignment"]}}
 
 
+@FURTHER
 @pytest.mark.parametrize(
     ("name", "place", "follows"),
     [

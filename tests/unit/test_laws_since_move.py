@@ -137,6 +137,7 @@ def test_what_a_temperature_does_that_runs_on_while_poses_are_held_is_no_law_of_
     assert not any(finding.check == "within_pose" for finding in made.intake)
 
 
+@FURTHER
 @pytest.mark.parametrize("lost", [pytest.param(False, marks=FURTHER), True])
 def test_a_course_of_few_rows_is_not_taken_for_their_noise(lost: bool) -> None:
     """Seven rows 5 s apart: from one to the next the course changes as much as over the pose. Where rows are lost, a

@@ -18,12 +18,12 @@ OTHER = "8dc7ed3d6d795879a3857e0d2962d8c77becaa6a"
 @pytest.mark.parametrize(
     ("deck", "name", "least"),
     [
-        pytest.param(DECK, "law/090", 0.95, id="a level, and not only what follows a load"),
+        pytest.param(DECK, "law/090", 0.95, marks=FURTHER, id="a level, and not only what follows a load"),
         pytest.param(DECK, "law/216", 0.8, id="a temperature and its lag, not the time"),
         pytest.param(
             DECK, "law/136", 0.95, marks=FURTHER, id="two laws in few poses, one under the noise of the other"
         ),
-        pytest.param(OTHER, "law/134", 0.95, marks=FURTHER, id="two that set in together, and not a lean"),
+        pytest.param(OTHER, "law/134", 0.95, id="two that set in together, and not a lean"),
         pytest.param(OTHER, "law/182", 0.8, marks=FURTHER, id="three axes, each its own way"),
     ],
 )

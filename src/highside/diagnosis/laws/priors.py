@@ -9,6 +9,7 @@ import numpy as np
 
 from highside.arrays import Array
 from highside.diagnosis.laws.noise import cholesky_and_half
+from highside.diagnosis.laws.noise_policy import LAW_NOISE
 from highside.diagnosis.laws.policy import LAW_EVIDENCE
 
 
@@ -84,25 +85,30 @@ def best_priors(gram: Array, drive: Array, orders: Array, near: Array | float = 
 
 
 def _at_lengths(gram: Array, drive: Array, orders: Array, lengths: Sequence[float]) -> tuple[Array, Array, Array]:
-    sizes = np.array(LAW_EVIDENCE.sizes)
-    count = len(gram)
-    best = np.full(count, -np.inf)
-    best_size, best_length = np.ones(count), np.ones(count)
-    for length in lengths:
-        fall = np.sqrt(falls(orders, length))
-        turned = gram * fall[:, :, None] * fall[:, None, :]
+    sizes, m = np.array(LAW_EVIDENCE.sizes), gram.shape[1]
+    # of few groups all lengths at once: of single ones the calls take the time
+    at_once = len(lengths) if gram.size * len(lengths) <= LAW_NOISE.matrices else 1
+    best = np.full(len(gram), -np.inf)
+    best_size, best_length = np.ones(len(gram)), np.ones(len(gram))
+    for start in range(0, len(lengths), at_once):
+        tried = np.array(lengths[start : start + at_once])
+        fall = np.sqrt(falls(orders, tried[:, None, None])).reshape(-1, m)
+        turned = (gram * fall.reshape(-1, *gram.shape[:2])[..., None]).reshape(-1, m, m) * fall[:, None, :]
         values, vectors = np.linalg.eigh(turned)
         values = np.maximum(values, 0.0)
-        along = np.einsum("gji,gj->gi", vectors, drive * fall) ** 2
+        along = (drive * fall.reshape(-1, *drive.shape)).reshape(-1, m)
+        power = np.matmul(along[:, None], vectors)[:, 0] ** 2
         # sizes are tried in units of what the noise lets the best seen combination be known by
         unit = 1.0 / np.maximum(values[:, -1], LAW_EVIDENCE.nothing)
         s = unit[:, None] * sizes
         spread = 1.0 + s[:, :, None] * values[:, None, :]
-        gain = 0.5 * np.sum(s[:, :, None] * along[:, None, :] / spread - np.log(spread), axis=2)
-        where = np.argmax(gain, axis=1)
-        found = gain[np.arange(count), where]
-        better = found > best
-        best = np.where(better, found, best)
-        best_size = np.where(better, s[np.arange(count), where], best_size)
-        best_length = np.where(better, length, best_length)
+        gain = 0.5 * (s * np.matmul(1.0 / spread, power[:, :, None])[:, :, 0] - np.log(spread).sum(axis=2))
+        where = np.argmax(gain, axis=1)[:, None]
+        found = np.take_along_axis(gain, where, axis=1).reshape(tried.size, -1)
+        size = np.take_along_axis(s, where, axis=1).reshape(tried.size, -1)
+        for own, own_size, length in zip(found, size, tried, strict=True):
+            better = own > best
+            best = np.where(better, own, best)
+            best_size = np.where(better, own_size, best_size)
+            best_length = np.where(better, length, best_length)
     return best, best_size, best_length

@@ -134,8 +134,9 @@ def fitted_again(white: Whitened, others: Sequence[LawTerm], group: ProductGroup
 def refined(pair: _Pair, start: Array) -> tuple[float, ProductGroup]:
     """The product of a pair from a second function on, with all lengths of the priors, and its evidence in nats."""
     worth, second = _fitted([pair], PRODUCTS.refined_turns, start[None, None], every_length=True)
-    cost = float(_cost_of_second(pair, second[0]))
-    return float(worth[0]), _group(pair, second[0], cost)
+    orders = [orders_of(axis)[None] for axis in pair.axes]
+    cost = _costs_of_second(pair.gram[None], pair.drive[None], orders, second)
+    return float(worth[0]), _group(pair, second[0], float(cost[0]))
 
 
 class _Beside:
@@ -188,7 +189,7 @@ def _fitted(pairs: Sequence[_Pair], turns: int, starts: Array, *, every_length: 
             second = unit(second)
         own = _given_second(gram, drive, second)
         _, gain = _half(*own, orders[0], near)
-        gain = gain - np.array([_cost_of_second(pair, one) for pair, one in zip(pairs, second, strict=True)])
+        gain = gain - _costs_of_second(gram, drive, orders, second)
         better = gain > best
         best, found = np.where(better, gain, best), np.where(better[:, None], second, found)
     return best, found
@@ -214,21 +215,19 @@ def _half(gram: Array, drive: Array, orders: Array, near: Array | float) -> tupl
     return np.asarray(np.linalg.solve(whole, drive[:, :, None])[:, :, 0]), gain
 
 
-def _cost_of_second(pair: _Pair, second: Array) -> float:
-    """Nats that the second function (b,), of length 1, costs: half the logarithm of how much sharper the readings know
-    it than its prior does, and how unlikely it is by that."""
-    first, _ = _half(
-        *_given_second(pair.gram[None], pair.drive[None], second[None]), orders_of(pair.axes[0])[None], -np.inf
-    )
-    own = _given_first(pair.gram[None], pair.drive[None], first)[0][0]
-    orders = orders_of(pair.axes[1])
+def _costs_of_second(gram: Array, drive: Array, orders: Sequence[Array], second: Array) -> Array:
+    """(G,) nats that each second function (G, b), of length 1, costs: half the logarithm of how much sharper the
+    readings know it than its prior does, and how unlikely it is by that."""
+    first, _ = _half(*_given_second(gram, drive, second), orders[0], -np.inf)
+    own, _ = _given_first(gram, drive, first)
     costs = []
     for length in PRODUCTS.lengths:
-        fall = falls(orders, length)
-        variance = fall / fall.sum()
-        sharper = np.eye(second.size) + np.sqrt(variance)[:, None] * own * np.sqrt(variance)
-        costs.append(0.5 * float(np.linalg.slogdet(sharper)[1]) + 0.5 * float(np.sum(second**2 / variance)))
-    return min(costs)
+        fall = falls(orders[1], length)
+        variance = fall / fall.sum(axis=1, keepdims=True)
+        size = np.sqrt(variance)
+        sharper = np.eye(second.shape[1]) + size[:, :, None] * own * size[:, None, :]
+        costs.append(0.5 * np.linalg.slogdet(sharper)[1] + 0.5 * np.sum(second**2 / variance, axis=1))
+    return np.asarray(np.min(costs, axis=0))
 
 
 def unit(coefficients: Array) -> Array:

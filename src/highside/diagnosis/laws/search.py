@@ -103,7 +103,9 @@ class Search(Starts):
             return self._found(one)
         one = self._from_curves(self._from_single_curves(one))
         if self.problem.every_pair:
-            one = self._from_curves(self._from_between(one))
+            between = self._from_between(one)
+            # from what was found already curves have begun
+            one = between if between is one else self._from_curves(between)
         elif self._variants:
             one = self._from_pairs(one)
         one = self._on_all_axes(one) if self.problem.every_pair and self._variants else one
