@@ -56,9 +56,12 @@ def certificate(
     from highside.cli.verification import read_poses
     from highside.recording.calibration_store import read_record
     from highside.recording.files import write_whole
+    from highside.report.document import need_pdf
     from highside.report.plots import need_plots
 
     need_plots()  # before the work: the sheets are drawn
+    if output.suffix.lower() == ".pdf":
+        need_pdf()
 
     private = signing_key_if_any(key)
     record = read_record(record_file)

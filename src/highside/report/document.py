@@ -170,6 +170,19 @@ class Page(Document):
         return {"library": library_part() if self._has("chart") else ""}
 
 
+def need_pdf() -> Any:
+    """What makes a PDF of a page. Raises InputError where WeasyPrint, or Pango below it, is missing."""
+    try:
+        from weasyprint import HTML
+    except ImportError as error:
+        remedy = "pip install 'highside[pdf]'; or write HTML and print it from a browser"
+        raise InputError("PDF needs WeasyPrint, which is not installed", remedy=remedy) from error
+    except OSError as error:
+        remedy = "on Debian: apt install libpangoft2-1.0-0; or write HTML and print it from a browser"
+        raise InputError("PDF needs the library Pango, which is not installed", remedy=remedy) from error
+    return HTML
+
+
 class Sheets(Document):
     """A document of numbered A4 sheets. `head`: what stands at the top of each, left and right; `foot`: at the bottom
     left, beside "page n of N"."""
@@ -182,15 +195,7 @@ class Sheets(Document):
 
     def pdf(self) -> tuple[bytes, int]:
         """The sheets as PDF, and how many. Raises InputError where WeasyPrint, or Pango below it, is missing."""
-        try:
-            from weasyprint import HTML
-        except ImportError as error:
-            remedy = "pip install 'highside[pdf]'; or write HTML and print it from a browser"
-            raise InputError("PDF needs WeasyPrint, which is not installed", remedy=remedy) from error
-        except OSError as error:
-            remedy = "on Debian: apt install libpangoft2-1.0-0; or write HTML and print it from a browser"
-            raise InputError("PDF needs the library Pango, which is not installed", remedy=remedy) from error
-        drawn = HTML(string=self.html(), url_fetcher=_fetch_nothing).render()
+        drawn = need_pdf()(string=self.html(), url_fetcher=_fetch_nothing).render()
         return drawn.write_pdf(), len(drawn.pages)
 
     def _frame(self) -> dict[str, str]:
