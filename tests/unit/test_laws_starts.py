@@ -12,6 +12,7 @@ from studies.open_world.score import every_case, run_case
 
 FURTHER = pytest.mark.further
 DECK = "cb5901c6a147b8743ddc8cee4822d3b03e1defd5"
+LARGE = "c8696ab3196eb2f95da88a44ce077e014fa59311"
 OTHER = "8dc7ed3d6d795879a3857e0d2962d8c77becaa6a"
 
 
@@ -25,6 +26,9 @@ OTHER = "8dc7ed3d6d795879a3857e0d2962d8c77becaa6a"
         ),
         pytest.param(OTHER, "law/134", 0.95, id="two that set in together, and not a lean"),
         pytest.param(OTHER, "law/182", 0.8, marks=FURTHER, id="three axes, each its own way"),
+        pytest.param(
+            LARGE, "law/262", 0.99, marks=FURTHER, id="two large ones, found about a name of no plausible size"
+        ),
     ],
 )
 def test_a_law_that_another_start_finds_is_told_and_predicts(

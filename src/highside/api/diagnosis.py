@@ -15,11 +15,11 @@ import numpy as np
 from highside.api.bench import ModelLike, model_of
 from highside.arrays import Array
 from highside.config.model import Model, as_toml
-from highside.diagnosis.beside_laws import laws_of
 from highside.diagnosis.core.chunks import on_threads
 from highside.diagnosis.core.method import WHOLE, ProcedureParts
 from highside.diagnosis.core.problem import ReportData
 from highside.diagnosis.core.result import Claim, DiagnosisResult, Finding, Fit, Location, Remainder, Verdict
+from highside.diagnosis.law_answers import laws_of
 from highside.diagnosis.recording import ACCELEROMETERS, GYROS, Request, diagnose_columns, rotates
 from highside.errors import InputError
 from highside.physics.effects import all_effects

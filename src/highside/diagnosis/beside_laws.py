@@ -12,19 +12,33 @@ from dataclasses import replace
 
 import numpy as np
 
-from highside.arrays import Array
-from highside.diagnosis.claimed_values import around_onsets, beyond_first_order, is_large, sizes_in, values_of_claim
+from highside.diagnosis.claimed_values import (
+    around_onsets,
+    beyond_first_order,
+    is_beyond_first_order,
+    is_large,
+    shows_beyond_first_order,
+    sizes_in,
+    values_of_claim,
+)
 from highside.diagnosis.core.finding_policy import BESIDE, FLOOR
 from highside.diagnosis.core.fit import base_fit
 from highside.diagnosis.core.problem import ReportData
-from highside.diagnosis.core.result import Claim, DiagnosisResult, Fit, Remainder, Verdict
+from highside.diagnosis.core.result import Claim, DiagnosisResult, Remainder, Verdict
 from highside.diagnosis.identified_noise import (
     angles_may_hide_a_law,
     names_beside_set_angles,
     with_identified_noise,
     with_set_angles,
 )
-from highside.diagnosis.law_answers import beside_laws, explained, location_of, told_implausible, told_unnamed
+from highside.diagnosis.law_answers import (
+    beside_laws,
+    explained,
+    fit_beside,
+    location_of,
+    told_implausible,
+    told_unnamed,
+)
 from highside.diagnosis.law_outcomes import (
     Outcome,
     above_rounding,
@@ -34,7 +48,7 @@ from highside.diagnosis.law_outcomes import (
 )
 from highside.diagnosis.law_sessions import ChainSession, LawSession
 from highside.diagnosis.laws.cases import cases_of_laws
-from highside.diagnosis.laws.claims import ReportedLaw, heldout_of, proved, reported_laws
+from highside.diagnosis.laws.claims import ReportedLaw, proved, reported_laws
 from highside.diagnosis.laws.effects import EffectGroup
 from highside.diagnosis.laws.found import Found
 from highside.diagnosis.laws.free_rivals import (
@@ -61,7 +75,7 @@ from highside.diagnosis.names_instead import (
 )
 from highside.physics import effects as library
 from highside.physics.forward import ForwardModel
-from highside.physics.law import PREFIX, Law
+from highside.physics.law import PREFIX
 
 UNTOUCHED = frozenset({"bad_data", "not_testable"})
 """verdicts of which nothing is to be reported"""
@@ -79,9 +93,10 @@ def with_laws(
     chain = tuple(c for c in diagnosis.claims if not library.registry()[c.effect].random)
     known = {c.effect for c in chain}
     near = [name for name in diagnosis.remainder.resembles if name not in diagnosis.remainder.changing]
-    if (refused := _refused_by_name(session, model, diagnosis, report.withheld)) is not None:
+    refused, instead = _refused_by_name(session, model, diagnosis, report.withheld)
+    if refused is not None:
         return refused, report
-    outcome = _chosen(session, model, chain, near, frozenset())
+    outcome = _chosen(session, model, chain, near, frozenset()) if instead is None or chain else instead
     if diagnosis.verdict == "wander" and not chain:
         outcome = beside_random_walk(outcome, model)
     if outcome.names:
@@ -107,7 +122,7 @@ def with_laws(
         verdict = "named_plus"
     final = _final(session, model, outcome)
     after = np.asarray(session.observed.residual(final))
-    fit = _fit(session, outcome.found, report, after, diagnosis.fit)
+    fit = fit_beside(session.floor, outcome.found, report, after, diagnosis.fit)
     if not (diagnosis.claims or outcome.names) and explains_nothing(session.floor, outcome, report.before, after):
         # what is left beside none of them is judged as where none was found
         return _unchanged(diagnosis, replace(outcome, laws=(), found=outcome.found.only([]))), report
@@ -220,17 +235,19 @@ def names_before_laws(
 
 def _refused_by_name(
     session: LawSession, model: ForwardModel, diagnosis: DiagnosisResult, withheld: Sequence[Claim]
-) -> DiagnosisResult | None:
-    """What one name explains at a size that no instrument has; None where a law does more, or the same.
+) -> tuple[DiagnosisResult | None, Outcome | None]:
+    """What one name explains at a size that no instrument has; or the laws alone that do more, or the same.
 
     That its size is not plausible gives laws no right to what a name explains. Several such names may bend together as
     one law does, and stand for it.
     """
     if len(withheld) != 1 or diagnosis.remainder.changing:
-        return None
+        return None, None
     outcome = _chosen(session, model, withheld, diagnosis.remainder.resembles, frozenset())
     tied = any(one.startswith(PREFIX) for claim in outcome.names for one in claim.equivalence_class)
-    return None if outcome.laws or tied or not outcome.names else told_implausible(diagnosis, outcome.names)
+    if outcome.laws or tied or not outcome.names:
+        return None, outcome if outcome.laws and not outcome.names else None
+    return told_implausible(diagnosis, outcome.names), None
 
 
 # --- the choice ----------------------------------------------------------------------------------------------
@@ -291,8 +308,8 @@ def _chosen(
     names += [c for c in names_of(found, model) if c.effect not in {own.effect for own in names}]
     left = proved(found)
     told, ahead = with_free_rivals(names, left)
-    if not names and _is_beyond_first_order(session, bare, left):
-        return _alone(session, bare, [c.effect for c in claims], refused)
+    if not names and is_beyond_first_order(session, bare, left):
+        return _alone(session, bare, [c.effect for c in claims], refused, left)
     laws, behind = tuple(reported_laws(left, model.ids)), -min(ahead.values(), default=np.inf)
     outcome = Outcome(told, laws, left, found is not chosen, doubted_of(left, ahead), behind=behind)
     return _given_way(session, bare, claims, refused, outcome)
@@ -357,12 +374,17 @@ def _explains_less(found: Found, than: Found) -> bool:
 
 
 def _alone(
-    session: LawSession, model: ForwardModel, near: Sequence[str], refused: frozenset[str] = frozenset()
+    session: LawSession,
+    model: ForwardModel,
+    near: Sequence[str],
+    refused: frozenset[str] = frozenset(),
+    begun: Found | None = None,
 ) -> Outcome:
     """Laws, or names, where nothing has a name yet; strong ones again with what they do beyond first order taken out.
 
     Names that came `near` and were not believed are among the groups, and then those that the laws resemble: in noise
-    whose colour is learnt beside them they may be right, alone or beside a law. Those `refused` are not.
+    whose colour is learnt beside them they may be right, alone or beside a law. Those `refused` are not. What has
+    `begun` elsewhere, about what names of large size do, goes on here if that explains more.
     """
     residual = session.residual(model)
     posed = session.problem(model, residual)
@@ -372,6 +394,11 @@ def _alone(
         # beside what a tilt of some degrees does beyond first order a search takes that for laws
         search = search.of_residual(residual - beyond_first_order(session, model, first, residual))
     found = search.run()
+    if begun is not None:
+        other = search.of_residual(residual - beyond_first_order(session, model, begun, residual))
+        resumed = other.resumed(other.beside([], begun.terms))
+        if _explains_less(found, resumed):
+            search, found = other, resumed
     for _ in range(LAW_VERDICT.turns):
         if not found.terms:
             return Outcome((), (), found)
@@ -380,7 +407,7 @@ def _alone(
             offered += alike
             search = search.beside_names([g for name in alike for g in name_groups(session, model, name)])
             found = search.resumed(found)
-        if (beyond := _beyond(session, model, found, residual)) is not None:
+        if (beyond := shows_beyond_first_order(session, model, found, residual)) is not None:
             search = search.of_residual(residual - beyond)
             found = search.resumed(found)
         elif not alike:
@@ -406,18 +433,6 @@ def _alone(
     return Outcome(told, tuple(reported_laws(found, model.ids)), found)
 
 
-def _beyond(session: LawSession, model: ForwardModel, found: Found, residual: Array) -> Array | None:
-    """(C, m) what laws and names do beyond first order, where a search would take it for laws."""
-    beyond = beyond_first_order(session, model, found, residual)
-    shows = float(np.sum((beyond / session.floor / found.noise.factor[:, None]) ** 2)) >= LAW_VERDICT.second_order
-    return beyond if shows else None
-
-
-def _is_beyond_first_order(session: LawSession, model: ForwardModel, found: Found) -> bool:
-    """Whether laws in the place of names do so much beyond first order."""
-    return bool(found.terms) and _beyond(session, model, found, session.residual(model)) is not None
-
-
 # --- what is reported --------------------------------------------------------------------------------------------
 
 
@@ -426,25 +441,3 @@ def _final(session: LawSession, model: ForwardModel, outcome: Outcome) -> Forwar
     named = {c.effect: values_of_claim(session, model, c) for c in outcome.names}
     final = (model.with_effects(named) if named else model).with_laws([one.law for one in outcome.laws])
     return base_fit(final, session.observed, session.free)[0]
-
-
-def _fit(session: LawSession, found: Found, report: ReportData, after: Array, before: Fit | None) -> Fit:
-    held = heldout_of(found)
-    floor = float(np.sqrt(np.mean((found.noise.factor[:, None] * session.floor)[:3] ** 2)))
-    return Fit(
-        unit="g",
-        rmse_before=float(np.sqrt(np.mean(report.before[:3] ** 2))),
-        rmse_after=float(np.sqrt(np.mean(after[:3] ** 2))),
-        heldout_rmse_before=floor * held.before,
-        heldout_rmse_after=floor * held.after,
-        heldout_gain_low=held.low,
-        heldout_gain_high=held.high,
-        noise_floor=floor,
-        how_held_out=held.words,
-        row_noise=None if before is None else before.row_noise,
-    )
-
-
-def laws_of(diagnosis: DiagnosisResult) -> tuple[Law, ...]:
-    """The laws that a diagnosis claims."""
-    return tuple(Law.from_dict(c.law) for c in diagnosis.claims if c.law is not None and c.effect.startswith(PREFIX))

@@ -32,6 +32,18 @@ def beyond_first_order(session: LawSession, model: ForwardModel, found: Found, r
     return _off_free(found.problem, residual - session.residual(fitted) - first)
 
 
+def shows_beyond_first_order(session: LawSession, model: ForwardModel, found: Found, residual: Array) -> Array | None:
+    """(C, m) what laws and names do beyond first order, where a search would take it for laws."""
+    beyond = beyond_first_order(session, model, found, residual)
+    shows = float(np.sum((beyond / session.floor / found.noise.factor[:, None]) ** 2)) >= LAW_VERDICT.second_order
+    return beyond if shows else None
+
+
+def is_beyond_first_order(session: LawSession, model: ForwardModel, found: Found) -> bool:
+    """Whether laws in the place of names do so much beyond first order."""
+    return bool(found.terms) and shows_beyond_first_order(session, model, found, session.residual(model)) is not None
+
+
 def is_large(session: LawSession, residual: Array) -> bool:
     """Whether tilts as large as a residual (C, m) in g, of which half the square is beyond first order, would show."""
     return float(np.sum((0.5 * residual**2 / session.floor) ** 2)) >= LAW_VERDICT.second_order

@@ -7,13 +7,16 @@ from dataclasses import replace
 
 import numpy as np
 
+from highside.arrays import Array
 from highside.diagnosis.core.problem import ReportData
-from highside.diagnosis.core.result import Claim, DiagnosisResult, Location, Remainder
+from highside.diagnosis.core.result import Claim, DiagnosisResult, Fit, Location, Remainder
 from highside.diagnosis.core.unexplained import hinted, unimproved
+from highside.diagnosis.laws.claims import heldout_of
+from highside.diagnosis.laws.found import Found
 from highside.diagnosis.laws.policy import LAW_VERDICT
 from highside.physics import effects as library
 from highside.physics.effects import title_of
-from highside.physics.law import PREFIX
+from highside.physics.law import PREFIX, Law
 
 COLUMNS = {
     "tf": "tf_ref_deg",
@@ -92,3 +95,26 @@ def explained(diagnosis: DiagnosisResult, report: ReportData) -> bool:
     """Whether no law of what the claims leave could have the least share."""
     left, given = float(np.sum(report.after**2)), float(np.sum(report.before**2))
     return bool(diagnosis.claims) and left < LAW_VERDICT.least_share * given
+
+
+def fit_beside(floor_g: Array, found: Found, report: ReportData, after: Array, before: Fit | None) -> Fit:
+    """What is left in g before and `after` the claims, `floor_g` (C, n) being the standard deviation of each value."""
+    held = heldout_of(found)
+    floor = float(np.sqrt(np.mean((found.noise.factor[:, None] * floor_g)[:3] ** 2)))
+    return Fit(
+        unit="g",
+        rmse_before=float(np.sqrt(np.mean(report.before[:3] ** 2))),
+        rmse_after=float(np.sqrt(np.mean(after[:3] ** 2))),
+        heldout_rmse_before=floor * held.before,
+        heldout_rmse_after=floor * held.after,
+        heldout_gain_low=held.low,
+        heldout_gain_high=held.high,
+        noise_floor=floor,
+        how_held_out=held.words,
+        row_noise=None if before is None else before.row_noise,
+    )
+
+
+def laws_of(diagnosis: DiagnosisResult) -> tuple[Law, ...]:
+    """The laws that a diagnosis claims."""
+    return tuple(Law.from_dict(c.law) for c in diagnosis.claims if c.law is not None and c.effect.startswith(PREFIX))
