@@ -326,7 +326,7 @@ def _single(
     if len(claims) > 1 and (problem.every_pair or worth_of(found) < LAW_VERDICT.no_stand_in):
         return None, False
     told, ahead = with_free_rivals(claims, found)
-    is_noise = problem.every_pair and worth_of(found) < LAW_VERDICT.worth
+    is_noise = worth_of(found) < LAW_VERDICT.worth
     behind = -min(ahead.values())
     single = Outcome(told, (), beside, doubted=doubted_of(found, ahead), is_noise=is_noise, behind=behind)
     if not is_clear(found, ahead) or is_noise:

@@ -37,9 +37,11 @@ TAKEN_FOR_NOISE = "what is left is taken for noise"
 
 
 def with_identified_noise(diagnosis: DiagnosisResult, found: Found) -> DiagnosisResult:
-    """The diagnosis of poses in which no law was found, by the noise that was; others as they are."""
-    if found.problem.jitter is None or found.terms:
+    """The diagnosis in which no law was found, by the noise that was; others as they are."""
+    if found.terms:
         return diagnosis
+    if found.problem.jitter is None:
+        return _of_a_rotation(diagnosis, found)
     if diagnosis.verdict == "unknown" and _by_scatter_alone(diagnosis):
         diagnosis = _identified(diagnosis, found)
     if diagnosis.verdict == "nothing_left_out":
@@ -150,6 +152,20 @@ def _identified(diagnosis: DiagnosisResult, found: Found) -> DiagnosisResult:
         )
         return hinted(replace(diagnosis, verdict="not_testable"), words)
     return diagnosis
+
+
+def _of_a_rotation(diagnosis: DiagnosisResult, found: Found) -> DiagnosisResult:
+    """Something without a name, where noise with a memory takes all of it to the floor, and beside that noise no law is
+    worth asking about: the first diagnosis knows what a row does to those that follow it at once, and no more."""
+    noise = found.noise
+    if diagnosis.verdict != "unknown" or diagnosis.claims or diagnosis.remainder.changing or not noise.remembers:
+        return diagnosis
+    takes_all = float(noise.factor.max()) <= FLOOR.ratio and found.next_gain < LAW_VERDICT.each
+    if not takes_all or found.evidence <= found.without_memory + LAW_VERDICT.memory:
+        return diagnosis
+    made = replace(diagnosis, verdict="wander", location=())
+    made = replace(made, remainder=replace(made.remainder, location=(), hints=()))
+    return hinted(made, f"what is left is taken for noise: {noise.summary()}")
 
 
 def _of_one_axis(diagnosis: DiagnosisResult, found: Found) -> DiagnosisResult:
