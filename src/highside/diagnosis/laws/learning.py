@@ -21,7 +21,7 @@ from highside.diagnosis.core.regression import flattened, outside
 from highside.diagnosis.laws.evidence import LawTerm, orthonormal
 from highside.diagnosis.laws.families import raw_columns_of
 from highside.diagnosis.laws.groups import LawGroup
-from highside.diagnosis.laws.noise import LawNoise, Whitener, evidence, evidence_of_settings
+from highside.diagnosis.laws.noise import LawNoise, evidence, evidence_of_settings, whitened_each
 from highside.diagnosis.laws.noise_filters import (
     LADDERS,
     LEVELS,
@@ -355,14 +355,12 @@ def _with_jitter(problem: LawProblem, both: Array, prior: Array, to_the_floor: b
 
     known: dict[tuple[float, ...], float] = {}
 
-    def of(one: LawNoise) -> float:
-        key = (*one.factor.tolist(), *one.jitter.tolist())
-        if key not in known:
-            made = Whitener(problem, one)
-            turned = flattened(made.white(both))
-            own = evidence((turned @ turned.T)[None], prior, np.array([made.log_determinant]))
-            known[key] = float(own[0]) - LAW_NOISE.cost * int(np.count_nonzero(one.jitter))
-        return known[key]
+    def best_of(tries: Sequence[LawNoise]) -> tuple[LawNoise, float]:
+        keys = [(*one.factor.tolist(), *one.jitter.tolist()) for one in tries]
+        fresh = {key: one for key, one in zip(keys, tries, strict=True) if key not in known}
+        known.update(zip(fresh, _mixed_evidence(problem, list(fresh.values()), both, prior), strict=True))
+        found = [known[key] for key in keys]
+        return tries[int(np.argmax(found))], max(found)
 
     best = -np.inf
     for _ in range(LAW_NOISE.turns):
@@ -371,13 +369,23 @@ def _with_jitter(problem: LawProblem, both: Array, prior: Array, to_the_floor: b
             if k == 0:
                 together = [np.array(unit) * np.array(which[:kinds]) for which in TOGETHER]
                 tries += [replace(noise, jitter=s * both) for both in together for s in LAW_NOISE.jitters]
-            found = [of(one) for one in tries]
-            noise, best = tries[int(np.argmax(found))], max(found)
+            noise, best = best_of(tries)
         for c in () if to_the_floor else range(problem.count):
-            tries = [replace(noise, factor=_put(noise.factor, c, level * f)) for f in LAW_NOISE.white]
-            found = [of(one) for one in tries]
-            noise, best = tries[int(np.argmax(found))], max(found)
+            noise, best = best_of([replace(noise, factor=_put(noise.factor, c, level * f)) for f in LAW_NOISE.white])
     return noise, best
+
+
+def _mixed_evidence(problem: LawProblem, noises: Sequence[LawNoise], both: Array, prior: Array) -> list[float]:
+    """Evidence of white noises with errors of the set angles, less what each kind of these must gain: of columns and,
+    last, a residual (K + 1, C, n)."""
+    step = max(1, LAW_NOISE.columns * LAW_NOISE.at_once // both.size)
+    found: list[float] = []
+    for i in range(0, len(noises), step):
+        white, log_determinant = whitened_each(problem, noises[i : i + step], both)
+        own = evidence(white @ white.transpose(0, 2, 1), prior, log_determinant)
+        kinds = [int(np.count_nonzero(one.jitter)) for one in noises[i : i + step]]
+        found += (own - LAW_NOISE.cost * np.array(kinds)).tolist()
+    return found
 
 
 def _level_left(problem: LawProblem, both: Array) -> float:

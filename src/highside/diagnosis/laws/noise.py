@@ -8,6 +8,7 @@ a cost that grows with their number.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -164,6 +165,27 @@ class Whitener:
         if not over.any() or float(np.mean(over != 0)) > LAW_NOISE.clipped:
             return residual
         return np.asarray(residual - over * self._scale)
+
+
+def whitened_each(problem: LawProblem, noises: Sequence[LawNoise], columns: Array) -> tuple[Array, Array]:
+    """(T, k, C n) columns (k, C, n) whitened under each of some noises without a memory, as `Whitener` does, and (T,)
+    the logarithms of their determinants."""
+    factor, count = np.array([one.factor for one in noises]), problem.count
+    cov = np.zeros((len(noises), problem.n, count, count))
+    own = np.arange(count)
+    cov[:, :, own, own] = ((factor[:, :, None] * problem.floor) ** 2).transpose(0, 2, 1)
+    ways = () if problem.jitter is None else problem.jitter
+    for way, size in zip(ways, np.array([one.jitter for one in noises]).T, strict=True):
+        cov += size[:, None, None, None] ** 2 * (way.T[:, :, None] * way.T[:, None, :])
+    lower = np.ascontiguousarray(np.linalg.cholesky(cov).transpose(0, 2, 3, 1))
+    made = np.empty((len(noises), len(columns), count, problem.n))
+    for i in range(count):
+        made[:, :, i] = columns[:, i]
+        for j in range(i):
+            made[:, :, i] -= lower[:, None, i, j] * made[:, :, j]
+        made[:, :, i] /= lower[:, None, i, i]
+    log_determinant = 2 * np.log(lower[:, own, own]).sum(axis=(1, 2))
+    return made.reshape(len(noises), len(columns), -1), log_determinant
 
 
 def evidence(inner: Array, prior: Array, log_determinant: Array) -> Array:

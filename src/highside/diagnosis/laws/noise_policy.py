@@ -64,6 +64,8 @@ class LawNoisePolicy:
     block by block 16 take 0.3 ms, and the matrices of the blocks, which are kept, 0.4 ms."""
     at_once: int = 100_000
     """Settings times values of one pass. Source: the same memory with forty columns."""
+    columns: int = 40
+    """Columns of one pass of so many settings. Source: as `at_once`."""
     matrices: int = 50_000
     """Numbers of the inner products of settings whose evidence is taken at once. Source: a processor's cache of 1 MB,
     in which they and their factors have room."""
