@@ -21,6 +21,7 @@ from highside.diagnosis.core.result import (
     FittedParameter,
     Location,
     NotTestable,
+    Remainder,
 )
 from highside.diagnosis.rows.noise import plain
 from highside.diagnosis.rows.session import RotationSession
@@ -352,3 +353,16 @@ def test_the_page_is_there_in_each_language_and_what_is_not_is_marked_as_english
         for sentence in (effects["lever_arm"].story, effects["lever_arm"].splitter, "share of the misfit", "how sure",
                          "What this recording could not show", "The simulation omits", "what is left"):  # fmt: skip
             assert sentence in english and sentence not in left, (code, sentence)
+
+
+def test_noise_that_was_learned_is_no_random_walk() -> None:
+    walk = DiagnosisResult("wander")
+    learned = replace(walk, remainder=Remainder(hints=("what is left is taken for noise: 1/f noise",)))
+    for found, words, badge in (
+        (walk, "The zero offsets follow a random walk", "random walk"),
+        (learned, "What is left is correlated noise", "correlated noise"),
+    ):
+        assert verdict_words(found).startswith(words)
+        page = page_of(found, report_data(np.array(0.0)), "rec.csv")
+        assert f"<h1>{words}" in page
+        assert f">{badge}<" in page

@@ -23,7 +23,7 @@ from highside.diagnosis.core.problem import ReportData
 from highside.diagnosis.core.result import DiagnosisResult
 from highside.diagnosis.core.serial_correlation import RANDOM_WALK
 from highside.diagnosis.core.set_angle_errors import TAKEN_FOR, in_words, instead, taken_for_set_angles
-from highside.diagnosis.core.unexplained import hinted, with_excess
+from highside.diagnosis.core.unexplained import TAKEN_FOR_NOISE, hinted, with_excess
 from highside.diagnosis.law_answers import told_unnamed
 from highside.diagnosis.laws.found import Found
 from highside.diagnosis.laws.free_rivals import leaves_most
@@ -32,8 +32,6 @@ from highside.diagnosis.laws.set_angles import enough_poses, may_hide_a_law, usu
 from highside.diagnosis.poses.policy import ROWS_MEMORY
 from highside.diagnosis.poses.session import PoseSession
 from highside.diagnosis.poses.within import CHECK as WITHIN_POSE
-
-TAKEN_FOR_NOISE = "what is left is taken for noise"
 
 
 def with_identified_noise(diagnosis: DiagnosisResult, found: Found) -> DiagnosisResult:
@@ -91,7 +89,7 @@ def with_remembering_rows(
     noise = {**diagnosis.noise, "rows_memory_evidence": known.nats, "rows_memory_s": known.length_s}
     diagnosis = replace(diagnosis, noise=noise)
     if known.nats >= ROWS_MEMORY.found:
-        words = "what is left is taken for noise: a zero offset that wanders"
+        words = f"{TAKEN_FOR_NOISE}: a zero offset that wanders"
         return hinted(replace(diagnosis, verdict="wander"), words), report
     words = (
         "the rows within the poses do not tell whether the poses disagree by noise with a memory or by something that "
@@ -138,7 +136,7 @@ def _identified(diagnosis: DiagnosisResult, found: Found) -> DiagnosisResult:
     if noise.remembers and found.evidence > found.without_memory + LAW_VERDICT.memory:
         made = replace(diagnosis, verdict="wander")
         alone = _of_one_axis(made, found)
-        return alone if alone is not made else hinted(made, f"what is left is taken for noise: {noise.summary()}")
+        return alone if alone is not made else hinted(made, f"{TAKEN_FOR_NOISE}: {noise.summary()}")
     repeats = float(noise.factor.max()) <= FLOOR.ratio
     if found.problem.n >= enough_poses() or usual(noise):
         repeats = repeats or found.to_the_floor > found.evidence - LAW_VERDICT.repeats
@@ -165,7 +163,7 @@ def _of_a_rotation(diagnosis: DiagnosisResult, found: Found) -> DiagnosisResult:
         return diagnosis
     made = replace(diagnosis, verdict="wander", location=())
     made = replace(made, remainder=replace(made.remainder, location=(), hints=()))
-    return hinted(made, f"what is left is taken for noise: {noise.summary()}")
+    return hinted(made, f"{TAKEN_FOR_NOISE}: {noise.summary()}")
 
 
 def _of_one_axis(diagnosis: DiagnosisResult, found: Found) -> DiagnosisResult:

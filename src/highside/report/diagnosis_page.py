@@ -26,7 +26,6 @@ from highside.report.diagnosis_figures import law_curve, law_surface, over_time,
 from highside.report.diagnosis_hints import check_name, hint
 from highside.report.diagnosis_words import (
     KINDS,
-    VERDICT_NAMES,
     VERDICTS,
     along,
     blame,
@@ -37,6 +36,7 @@ from highside.report.diagnosis_words import (
     ranges,
     sizes,
     tested,
+    verdict_name,
     verdict_words,
     where,
     within_sentence,
@@ -66,7 +66,7 @@ def page_of(diagnosis: DiagnosisResult, report_data: ReportData | SummaryReportD
     shares = {} if steps is None else shares_of_misfit(diagnosis, steps)
     page = Page(first_sentence(diagnosis, shares, verdict_words(diagnosis)))
     page.badge(
-        _(VERDICT_NAMES[diagnosis.verdict]),
+        verdict_name(diagnosis),
         KINDS.get(diagnosis.verdict, "open"),
         _("Diagnosis of %(recording)s.", recording=recording) + tested(diagnosis),
     )

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from highside.diagnosis.core.result import Claim, DiagnosisResult, Fit, Location
+from highside.diagnosis.core.unexplained import TAKEN_FOR_NOISE
 from highside.physics.covariates import COVARIATES
 from highside.physics.effect import Stage
 from highside.physics.effects import all_effects, title_of
@@ -28,6 +29,9 @@ VERDICTS = {
     "not_testable": said_later("This recording cannot show what was to be tested."),
     "bad_data": said_later("The data are not what they claim to be; physics was not tested."),
 }
+CORRELATED = said_later("What is left is correlated noise; slow effects cannot be distinguished from it.")
+CORRELATED_NAME = said_later("correlated noise")
+"""What `wander` is called where the noise that was learned is no random walk alone."""
 VERDICT_NAMES = {
     "nothing_left_out": said_later("nothing left out"),
     "named": said_later("named"),
@@ -104,6 +108,16 @@ def within_sentence(title: str, *, first: bool = False) -> str:
     return title[:1].lower() + title[1:] if first or language() != "en" else title.lower()
 
 
+def verdict_name(diagnosis: DiagnosisResult) -> str:
+    """The verdict in a word or two."""
+    return _(CORRELATED_NAME) if _is_correlated(diagnosis) else _(VERDICT_NAMES[diagnosis.verdict])
+
+
+def _is_correlated(diagnosis: DiagnosisResult) -> bool:
+    hints = diagnosis.remainder.hints
+    return diagnosis.verdict == "wander" and any(one.startswith(TAKEN_FOR_NOISE) for one in hints)
+
+
 def verdict_words(diagnosis: DiagnosisResult) -> str:
     """The verdict as a sentence. Where |g| alone is known, and beside another simulation, "nothing" holds down to what
     would have shown: the sizes."""
@@ -117,6 +131,8 @@ def verdict_words(diagnosis: DiagnosisResult) -> str:
             high=f"{octaves[-1]['to_hz']:.2g}",
             what=_(" and ").join(_hidden(one) for one in moving),
         )
+    if _is_correlated(diagnosis):
+        return _(CORRELATED)
     if diagnosis.verdict in UNNAMED and diagnosis.fit is not None:
         size = what_is_left(diagnosis.fit, explained=diagnosis.verdict == "implausible_fit")
         return f"{_(VERDICTS[diagnosis.verdict])} {size}".rstrip()

@@ -19,6 +19,9 @@ from highside.diagnosis.core.memory import Memory
 from highside.diagnosis.core.memory_policy import MEMORY
 from highside.diagnosis.core.result import DiagnosisResult, Fit
 
+TAKEN_FOR_NOISE = "what is left is taken for noise"
+"""how a hint begins that says what noise was learned from what is left"""
+
 
 def unexplained(found: Excess | None, memories: Sequence[Memory]) -> Excess | None:
     """The excess over the floor that chance does not make, unless noise with a spectrum of its own was identified."""
