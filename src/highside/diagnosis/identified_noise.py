@@ -1,4 +1,4 @@
-"""Poses whose misfit is noise after all: which one, by the noise that laws had to compete with and lost to.
+"""A misfit that is noise after all: which one, by the noise that laws had to compete with and lost to.
 
 The first diagnosis knows scatter of sensors and settings and a random walk of each channel. The search for laws learns
 more kinds (errors of the set angles or of the whole level, first-order levels, 1/f) by evidence, beside no law at all.
@@ -154,7 +154,8 @@ def _identified(diagnosis: DiagnosisResult, found: Found) -> DiagnosisResult:
 
 def _of_a_rotation(diagnosis: DiagnosisResult, found: Found) -> DiagnosisResult:
     """Something without a name, where noise with a memory takes all of it to the floor, and beside that noise no law is
-    worth asking about: the first diagnosis knows what a row does to those that follow it at once, and no more."""
+    worth a tie (in 30 nulls of be5acced the best is worth 5.8 nats at most): the first diagnosis knows what a row does
+    to those that follow it at once, and no more."""
     noise = found.noise
     if diagnosis.verdict != "unknown" or diagnosis.claims or diagnosis.remainder.changing or not noise.remembers:
         return diagnosis
